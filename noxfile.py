@@ -27,9 +27,9 @@ def listed(option: str, values: Iterable[str]) -> str:
 
 
 def run_tests(session: nox.Session, *chosen: str) -> None:
-    """Run pytest in up to four processes; each file's tests stay together and share its fixtures.
+    """Run pytest in up to four processes; all tests of a file run in the same process and share its fixtures.
 
-    A process that dies ends the run, which names its test: with others in its place pytest-xdist can wait for ever.
+    If a process dies, the run ends and names the test: pytest-xdist can hang if it replaces the process.
     """
     install(session, "test")
     processes = ("--numprocesses=logical", "--maxprocesses=4", "--dist=loadfile", "--max-worker-restart=0")
@@ -47,40 +47,40 @@ def lint(session: nox.Session) -> None:
 
 @nox.session
 def tests(session: nox.Session) -> None:
-    """Run the tests that are not marked slow, shapes checked, in up to four processes; words after -- go to pytest."""
+    """Run the tests that are not marked slow, with checks of shapes; arguments after -- are passed to pytest."""
     run_tests(session, "-m", "not slow")
 
 
 @nox.session(default=False)
 def tests_all(session: nox.Session) -> None:
-    """Run all tests, the slow ones too, as continuous integration does; words after -- go to pytest."""
+    """Run all tests, including slow ones, as in continuous integration; arguments after -- are passed to pytest."""
     run_tests(session)
 
 
 @nox.session(default=False)
 def pages(session: nox.Session) -> None:
-    """Make every committed page again from its records; fails where one differs, `-- write=true` writes them."""
+    """Regenerate every committed page from its records; fails if one differs, `-- write=true` writes them."""
     install(session)
     session.run("gaussian-enhancer", "pages", *session.posargs)
 
 
 @nox.session(default=False)
 def fresh(session: nox.Session) -> None:
-    """List every committed page whose weights or code changed since; `-- strict=true` fails for each of them."""
+    """List every committed page whose weights or code have changed since; `-- strict=true` fails if there are any."""
     install(session)
     session.run("gaussian-enhancer", "fresh", *session.posargs)
 
 
 @nox.session(default=False)
 def demo(session: nox.Session) -> None:
-    """Fit, enhance, measure and report one procedural scene; words after -- are overrides."""
+    """Fit, enhance, measure and report one procedural scene; arguments after -- are overrides."""
     install(session)
     session.run("gaussian-enhancer", "demo", *session.posargs)
 
 
 @nox.session(default=False)
 def wheel(session: nox.Session) -> None:
-    """Build the wheel, install it alone in an empty environment, run the demo from another folder."""
+    """Build the wheel, install only it in an empty environment, and run the demo from another folder."""
     session.install("build")
     folder = Path(session.create_tmp())
     shutil.rmtree(folder / "dist", ignore_errors=True)
@@ -100,7 +100,7 @@ def wheel(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def pairs(session: nox.Session) -> None:
-    """Fit what the shipped weights learn from (needs the captures; hours on two cores); goes on where it was killed."""
+    """Make the fits that shipped weights learn from (needs the captures; hours on two cores); resumes after a kill."""
     install(session)
     captures = ("captures_half", "captures_quarter", "captures_validation")
     methods = ("procedural_3dgs", "procedural_2dgs", "procedural_mip_splatting")
@@ -112,7 +112,7 @@ def pairs(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def simulator(session: nox.Session) -> None:
-    """Train the simulator's second stage on the fits of `pairs`; the same command goes on where it was killed."""
+    """Train the simulator's second stage on the fits of `pairs`; resumes after a kill."""
     install(session)
     scenes = ("unbounded_[0-2]", "outdoor_[0-2]", "indoor_[0-2]", "object_[0-2]", "panel17", "boruszyn", "lewis", "axe")
     if not any(Path("runs/gates").glob("*.json")):
@@ -123,7 +123,7 @@ def simulator(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def renders(session: nox.Session) -> None:
-    """Train the same enhancer on every kind of render (conf/ablation/renders); it goes on where it was killed."""
+    """Train the same enhancer on every kind of render (conf/ablation/renders); resumes after a kill."""
     install(session)
     rows = ",".join(sorted(path.stem for path in Path("conf/ablation/renders").glob("*.yaml")))
     session.run("gaussian-enhancer", "train", "-m", "+recipe=renders", f"+ablation/renders={rows}", *session.posargs)
@@ -131,7 +131,7 @@ def renders(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def realism(session: nox.Session) -> None:
-    """Measure how real simulated renders look: docs/results/simulator.md (needs the captures, and `renders` before)."""
+    """Measure the realism of simulated renders: docs/results/simulator.md (needs the captures; run `renders` first)."""
     install(session)
     training = [f"runs/fit/{name}-*" for name in ("*_1000", "buddha")]
     validation = [f"runs/fit/{name}-*" for name in ("banana", "plush", "copr", "cyprus", "flowerpot")]
@@ -173,13 +173,13 @@ WEIGHTS = (
 )
 """Overrides of the job train: shipped weights, then the other rows of docs/results/quality.md at equal budget.
 
-{label} stands for the weights of a row before.
+{label} is replaced by the weights of an earlier row.
 """
 
 
 @nox.session(default=False)
 def weights(session: nox.Session) -> None:
-    """Train the shipped weights and the rows they are compared with (after `pairs`); goes on where it was killed."""
+    """Train the shipped weights and the rows that they are compared with (after `pairs`); resumes after a kill."""
     install(session)
     for row in WEIGHTS:
         finished = sorted(Path("runs/train").glob("*/weights.safetensors"), key=lambda path: path.stat().st_mtime)
@@ -196,7 +196,7 @@ def quality(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def ablation(session: nox.Session) -> None:
-    """Make one table, figure or study: table 10 in minutes, or `-- table=2 scale=desk`; goes on where it was killed."""
+    """Make one table, figure or study: table 10 in minutes, or `-- table=2 scale=desk`; resumes after a kill."""
     install(session)
     usual = {"table": "10", "scale": "smoke"}
     named = {word.split("=")[0] for word in session.posargs}
@@ -206,14 +206,14 @@ def ablation(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def tables(session: nox.Session) -> None:
-    """Make all tables and figures of the paper, `-- scale=desk` in hours; goes on where it was killed."""
+    """Make all tables and figures of the paper, `-- scale=desk` in hours; resumes after a kill."""
     install(session)
     session.run("gaussian-enhancer", "tables", "table=all", *session.posargs)
 
 
 @nox.session(default=False)
 def tradeoff(session: nox.Session) -> None:
-    """Make docs/results/tradeoff.md and the presets of `budget_ms=`, on an idle machine; words are overrides."""
+    """Make docs/results/tradeoff.md and the presets of `budget_ms=`, on an idle machine; arguments are overrides."""
     install(session)
     shipped = "settings=src/gaussian_enhancer/weights/settings.json"
     session.run("gaussian-enhancer", "tradeoff", shipped, *session.posargs)
@@ -221,9 +221,9 @@ def tradeoff(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def bench(session: nox.Session) -> None:
-    """Make docs/performance.md: speed beside published restorers and of the pipeline, on an idle machine.
+    """Make docs/performance.md: speed of our and published networks and of the pipeline, on an idle machine.
 
-    Words after -- are overrides, for instance device=cuda.
+    Arguments after -- are overrides, for instance device=cuda.
     """
     install(session, "bench")
     session.run("gaussian-enhancer", "peers", *session.posargs)
@@ -231,7 +231,7 @@ def bench(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def fuzz(session: nox.Session) -> None:
-    """Hand 1,500 damaged files to every reader in turn, or `-- --coverage` to a fuzzer for a minute each; record it."""
+    """Test every reader with 1,500 damaged files, or with `-- --coverage` by a fuzzer for a minute each; record all."""
     words = [word for word in session.posargs if word != "--coverage"]
     if len(words) < len(session.posargs):
         install(session, "test", "fuzz")
@@ -244,15 +244,15 @@ def fuzz(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def kill(session: nox.Session) -> None:
-    """Kill jobs at 120 moments, start two in one folder, fill the disk; goes on where it was stopped."""
+    """Kill jobs at 120 moments, start two in one folder, fill the disk; resumes after a stop."""
     install(session, "test")
     session.run("python", "tests/kill/campaign.py", "--record", "docs/results/kill.jsonl", *session.posargs)
 
 
 @nox.session(default=False)
 def docs(session: nox.Session) -> None:
-    """Build the documentation into site/, strictly and without the network; `-- serve` shows it while it is written."""
-    session.install("-c", "constraints.txt", *nox.project.dependency_groups(PROJECT, "docs"))  # code is read, not run
+    """Build the documentation into site/, in strict mode and offline; `-- serve` shows a live preview."""
+    session.install("-c", "constraints.txt", *nox.project.dependency_groups(PROJECT, "docs"))  # code is not imported
     command = session.posargs or ["build", "--strict"]
     session.run("mkdocs", *command, env={"NO_MKDOCS_2_WARNING": "1"})
 
@@ -284,7 +284,7 @@ def picture(session: nox.Session) -> None:
 
 @nox.session(default=False, venv_backend="none")
 def constraints(session: nox.Session) -> None:
-    """Resolve constraints.txt anew for every platform and Python version (needs uv)."""
+    """Resolve constraints.txt for every platform and Python version (needs uv)."""
     header = "# Exact versions of everything, resolved by `nox -s constraints`.\n"
     options = ["--universal", "--all-extras", "--group", "dev", "--group", "bench", "--upgrade"]
     silence = ["--no-header", "--no-annotate", "--no-emit-index-url"]
@@ -295,4 +295,4 @@ def constraints(session: nox.Session) -> None:
     path.write_text(header + path.read_text(encoding="utf-8"), encoding="utf-8")
 
 
-os.environ.setdefault("UV_HTTP_TIMEOUT", "300")  # torch's wheel is large, and slow lines are common
+os.environ.setdefault("UV_HTTP_TIMEOUT", "300")  # seconds: torch's wheel is large, and connections can be slow

@@ -9,16 +9,16 @@ from gaussian_enhancer.cli.options import (
     Count,
     Group,
     NonNegative,
+    NonNegativeInt,
     Options,
-    Place,
-    Places,
+    PathText,
+    PathTexts,
     Positive,
+    Scalar,
     Seed,
     Share,
     Shared,
     Side,
-    Size,
-    Word,
 )
 from gaussian_enhancer.runs.lock import RECORDS
 
@@ -29,7 +29,7 @@ def _records(path: str) -> str:
     return path
 
 
-RecordsFile = Annotated[Place, AfterValidator(_records)]
+RecordsFile = Annotated[PathText, AfterValidator(_records)]
 PixelSize = Annotated[str, Field(pattern=r"^[1-9]\d*x[1-9]\d*$")]
 
 
@@ -44,14 +44,14 @@ class Distances(Shared):
     """Options of jobs that also measure LPIPS."""
 
     lpips: list[str]
-    backbones: Place | None
+    backbones: PathText | None
 
 
 class OfFits(Shared):
     """Options of measurements of finished fits."""
 
     row_table: Group
-    runs: Places
+    runs: PathTexts
     records: RecordsFile | None
 
 
@@ -65,25 +65,25 @@ class FromRecords(Distances):
     """Options of jobs that measure runs and make a page from the records."""
 
     row_table: Group
-    runs: Places
+    runs: PathTexts
     records: RecordsFile
-    page: Place | None
+    page: PathText | None
 
 
 class Dashboard(Options):
     """Options of the job ``dashboard``."""
 
-    folder: Place
-    title: Word | None
+    folder: PathText
+    title: Scalar | None
     studies: dict[str, Any]
-    images_per_scene: Size
+    images_per_scene: NonNegativeInt
 
 
 class PlanStudy(Options, Distances):
     """Options of the job ``plan_study``."""
 
     worlds: Group
-    weights: Place
+    weights: PathText
     repeats: Count
     fit_missing: bool
     records_only: bool
@@ -92,8 +92,8 @@ class PlanStudy(Options, Distances):
     faster: Positive
     slower: Positive
     allowed: NonNegative
-    results: Place
-    markdown: Place
+    results: PathText
+    markdown: PathText
 
 
 class Quality(Options, Distances):
@@ -106,7 +106,7 @@ class Quality(Options, Distances):
     records_only: bool
     groups: Group
     tables: Group
-    markdown: Place
+    markdown: PathText
     records: RecordsFile
 
 
@@ -117,16 +117,16 @@ class Stability(Options):
     cases: list[str] | None
     records_only: bool
     records: RecordsFile
-    markdown: Place
+    markdown: PathText
 
 
 class Status(Options):
     """Options of the job ``status``."""
 
     scale: Group
-    table: Word | list[Word] | None
+    table: Scalar | list[Scalar] | None
     states: list[str] | None
-    backbones: Place | None
+    backbones: PathText | None
 
 
 class Pages(Options):
@@ -148,15 +148,15 @@ class Tables(Options):
     """Options of the job ``tables``."""
 
     scale: Group
-    table: Word | list[Word]
+    table: Scalar | list[Scalar]
     dry_run: bool
     workers: Count | None
     scheduler: str | None
     records_only: bool
     fit_missing: bool
     train_missing: bool
-    results: Place
-    backbones: Place | None
+    results: PathText
+    backbones: PathText | None
 
 
 class Tradeoff(Options, Distances):
@@ -168,15 +168,15 @@ class Tradeoff(Options, Distances):
     train_missing: bool
     minutes: Positive
     studies: list[str] | None
-    settings: Place | None
-    markdown: Place
-    results: Place
+    settings: PathText | None
+    markdown: PathText
+    results: PathText
 
 
 class Candidates(OfViews):
     """Options of the job ``candidates``."""
 
-    weights: Places
+    weights: PathTexts
 
 
 class Guards(Candidates):
@@ -189,13 +189,13 @@ class Renders(OfViews):
     """Options of the job ``renders``."""
 
     rows: list[str]
-    folder: Place
+    folder: PathText
 
 
 class IBGS(Options):
     """Options of the job ``ibgs``."""
 
-    fit: Place
+    fit: PathText
     step: Count | None
     settings: Group
     choice: Group
@@ -206,37 +206,37 @@ class Convergence(FromRecords):
 
     methods: list[str]
     last: bool
-    ibgs: Places
-    second: Places
-    pictures: Place | None
+    ibgs: PathTexts
+    second: PathTexts
+    pictures: PathText | None
 
 
 class DistilStudy(FromRecords):
     """Options of the job ``distil_study``."""
 
-    weights: Place
+    weights: PathText
 
 
 class DepthStudy(OfViews):
     """Options of the job ``depth``."""
 
-    weights: Place
+    weights: PathText
     strength: Share
 
 
 class LeaveOneOut(OfFits):
     """Options of the job ``leave_one_out``."""
 
-    weights: Place
+    weights: PathText
     confidence: bool
     every: Count
-    page: Place | None
+    page: PathText | None
 
 
 class Flicker(OfFits):
     """Options of the job ``flicker``."""
 
-    weights: Place
+    weights: PathText
     frames: Annotated[int, Field(ge=2)]
     cameras: Annotated[int, Field(ge=2)]
     strength: Share | None
@@ -247,17 +247,17 @@ class Flicker(OfFits):
 class AlreadyGood(OfFits):
     """Options of the job ``already_good``."""
 
-    weights: Place
+    weights: PathText
     views: Count
 
 
 class Realism(Measurement):
     """Options of the job ``realism``."""
 
-    train: Places
-    test: Places
+    train: PathTexts
+    test: PathTexts
     rows: list[str]
-    generator_weights: Place | None
+    generator_weights: PathText | None
     steps: Count
     seeds: Count
     seed: Seed
@@ -270,7 +270,7 @@ class Diversity(OfFits):
     """Options of the job ``diversity``."""
 
     rows: list[str]
-    generator_weights: Place | None
+    generator_weights: PathText | None
     seed: Seed
 
 
@@ -278,7 +278,7 @@ class Fingerprints(OfFits):
     """Options of the job ``fingerprints``."""
 
     views: Count
-    gates: Place | None
+    gates: PathText | None
 
 
 class ArtefactSheet(OfFits):
@@ -288,22 +288,22 @@ class ArtefactSheet(OfFits):
     side: Annotated[int, Field(ge=32)]
     draws: Count
     seeds: Count
-    picture: Place | None
+    picture: PathText | None
 
 
 class SamplerStudy(OfFits):
     """Options of the job ``sampler``."""
 
-    generator_weights: Place
+    generator_weights: PathText
     renders: Count
 
 
 class Ship(Options):
     """Options of the job ``ship``."""
 
-    weights: Place
+    weights: PathText
     name: Annotated[str, Field(pattern=r"^\w+$")]
-    first: Place | None
+    first: PathText | None
     strength: Share
     helps: str
     harms: str
@@ -312,7 +312,7 @@ class Ship(Options):
 class BeforeAfter(Options):
     """Options of the job ``before_after``."""
 
-    run: Place
+    run: PathText
     method: str
     capture: str | None
     quality: Annotated[int, Field(ge=1, le=95)]
@@ -322,7 +322,7 @@ class Networks(Measurement):
     """Options of the job ``networks``."""
 
     paper: bool
-    references: Size
+    references: NonNegativeInt
     times: bool
     height: Count
     width: Count
@@ -338,7 +338,7 @@ class Peers(Options):
     compiled: bool
     height: Side
     width: Side
-    references: Size
+    references: NonNegativeInt
     rounds: Count
     cold_rounds: Count
     memory: bool
@@ -350,7 +350,7 @@ class Peers(Options):
     records_only: bool
     quality: RecordsFile
     tried: PixelSize
-    page: Place
+    page: PathText
 
 
 class Degradation(Measurement):
@@ -382,18 +382,18 @@ class SplatKernels(Measurement):
 class ViewerSpeed(Measurement):
     """Options of the job ``viewer_speed``."""
 
-    run: Place
+    run: PathText
     show: str
     width: Side
     seconds: Positive
     overrides: list[str]
-    picture: Place | None
+    picture: PathText | None
 
 
 class VideoSpeed(Measurement):
     """Options of the job ``video_speed``."""
 
-    run: Place
+    run: PathText
     frames: Annotated[int, Field(ge=2)]
     overrides: list[str]
     rounds: Count

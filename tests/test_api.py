@@ -179,11 +179,11 @@ def test_references_are_kept_between_calls_and_read_once(views, monkeypatch):
     assert enhancer.references == tuple(references)
     assert torch.equal(enhancer(view.read(), **given(view)), expected[0])
     reads = []
-    pool = enhancer._kept.pool
+    pool = enhancer._added_references.pool
     monkeypatch.setattr(pool, "_read", lambda *index: reads.append(index))
     assert torch.equal(enhancer(view.read(), **given(view)), expected[0])
     assert not reads
-    assert not enhancer._kept.planner.known
+    assert not enhancer._added_references.planner.known
     enhancer.clear_references()
     alone = enhancer(view.read(), **given(view))
     assert torch.equal(alone, enhancer(view.read(), references=[], **given(view)))
@@ -197,10 +197,10 @@ def test_features_of_references_that_are_not_warped_are_kept(views):
     enhancer = Enhancer(Pretrained(network, ReferenceConfig(Unwarped(), 2, 2), {}), "cpu")
     (view, _), references = views
     first = enhancer(view.read(), references=references)
-    kept = dict(enhancer._given.features.kept)
+    kept = dict(enhancer._call_references.features.kept)
     assert len(kept) == 2
     torch.testing.assert_close(enhancer(view.read(), references=references), first)
-    assert all(enhancer._given.features.kept[key] is value for key, value in kept.items())
+    assert all(enhancer._call_references.features.kept[key] is value for key, value in kept.items())
 
 
 def test_a_reference_that_is_the_view_itself_is_left_out(views, enhancer):

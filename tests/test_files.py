@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import load_array, save_array, whole_file
+from gaussian_enhancer.files import atomic_write, load_array, save_array
 
 
 def test_the_file_appears_when_the_block_ends(tmp_path: Path) -> None:
     target = tmp_path / "deep" / "a.txt"
-    with whole_file(target) as temporary:
+    with atomic_write(target) as temporary:
         assert temporary.suffix == ".txt"
         temporary.write_text("new")
         assert not target.exists()
@@ -28,7 +28,7 @@ def test_the_file_appears_when_the_block_ends(tmp_path: Path) -> None:
 def test_permissions_follow_the_mask(tmp_path: Path) -> None:
     before = os.umask(0o027)
     try:
-        with whole_file(tmp_path / "a") as temporary:
+        with atomic_write(tmp_path / "a") as temporary:
             temporary.write_text("x")
     finally:
         os.umask(before)
@@ -40,7 +40,7 @@ def test_an_error_leaves_the_old_file_alone(tmp_path: Path, error: BaseException
     (tmp_path / "a").write_text("old")
 
     def interrupted() -> None:
-        with whole_file(tmp_path / "a") as temporary:
+        with atomic_write(tmp_path / "a") as temporary:
             temporary.write_text("half")
             raise error
 

@@ -9,11 +9,11 @@ import pytest
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.input_files import (
     VARIABLE,
+    convert_read_errors,
     parse_json,
     read_bytes,
     read_yaml,
     reader,
-    reading,
     refuse_larger,
     refuse_larger_archive,
 )
@@ -106,9 +106,9 @@ def test_a_file_beyond_the_limit_is_not_read(tmp_path: Path, monkeypatch) -> Non
 
 
 def test_only_the_systems_and_codecs_errors_are_the_users() -> None:
-    with pytest.raises(InputError, match="a: is truncated or damaged"), reading("a"):
+    with pytest.raises(InputError, match="a: is truncated or damaged"), convert_read_errors("a"):
         raise EOFError("end")
-    with pytest.raises(KeyError), reading("a"):
+    with pytest.raises(KeyError), convert_read_errors("a"):
         raise KeyError("our own mistake")
 
     @reader

@@ -63,5 +63,5 @@ def test_by_default_freed_memory_is_not_kept():
 
 def test_other_libraries_are_left_alone(monkeypatch):
     monkeypatch.setattr(memory, "_glibc", lambda: None)
-    assert not memory.keep_freed()
-    memory.give_back()
+    assert not memory.retain_freed_memory()
+    memory.release_freed_memory()

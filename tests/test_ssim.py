@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from gaussian_enhancer.loss.terms import dssim
-from gaussian_enhancer.ssim import RADIUS, gaussian, ssim_map, windowed
+from gaussian_enhancer.ssim import RADIUS, filter_windowed, ssim_map, window_weights
 
 
 @pytest.fixture
@@ -29,13 +29,15 @@ def test_band_matrices_filter_as_convolutions_do(pair):
 
 
 def test_the_window_sums_to_one_and_is_empty_outside(pair):
-    weights = gaussian(torch.arange(-9, 10, dtype=torch.float64))
+    weights = window_weights(torch.arange(-9, 10, dtype=torch.float64))
     assert float(weights.sum()) == pytest.approx(1, abs=1e-12)
     assert not weights[:4].any()
     assert not weights[-4:].any()
     flat = torch.ones(1, 16, 16, dtype=torch.float64)
-    assert float(windowed(flat)[0, 8, 8]) == pytest.approx(1, abs=1e-12)
-    assert float(windowed(flat)[0, 0, 0]) == pytest.approx(float(gaussian(torch.arange(0.0, 6)).sum()) ** 2, abs=1e-6)
+    assert float(filter_windowed(flat)[0, 8, 8]) == pytest.approx(1, abs=1e-12)
+    assert float(filter_windowed(flat)[0, 0, 0]) == pytest.approx(
+        float(window_weights(torch.arange(0.0, 6)).sum()) ** 2, abs=1e-6
+    )
 
 
 def test_equal_images_are_wholly_similar(pair):

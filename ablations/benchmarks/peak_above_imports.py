@@ -78,6 +78,6 @@ def _measured(values: dict[str, Any], call: Callable[..., None], small: Any, who
 def _above(call: Callable[[], None], device: torch.device) -> float:
     """Peak megabytes of a call, minus the memory in use before it."""
     gc.collect()
-    memory.give_back()
+    memory.release_freed_memory()
     held = 0 if device.type == "cuda" else psutil.Process().memory_info().rss
     return (peak_memory(call, device) - held) / 1e6

@@ -16,14 +16,14 @@ import torch
 from torch import Tensor
 
 from gaussian_enhancer.align import alignment
-from gaussian_enhancer.align.references import Pool, ReferenceConfig
+from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool
 from gaussian_enhancer.infer import enhancer
 from gaussian_enhancer.infer.change_confidence import ChangeConfidence
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.scene import image_files
 
 PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
-    "read": ((enhancer, "read_target"), (Pool, "_read"), (Pool, "_read_fine")),
+    "read": ((enhancer, "read_target"), (ReferencePool, "_read"), (ReferencePool, "_read_fine")),
     "plan": ((Planner, "__call__"),),
     "search depth": ((alignment, "refine_depth"), (alignment, "fill_depth")),
     "warp": ((alignment, "reproject"),),

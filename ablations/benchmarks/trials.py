@@ -16,7 +16,7 @@ from PIL import Image
 from torch import Tensor
 
 from ablations.benchmarks.networks import example
-from gaussian_enhancer.align.projection import Landing, read_at, read_both
+from gaussian_enhancer.align.projection import ProjectedPixels, sample_projected, sample_projected_pair
 from gaussian_enhancer.infer.change_confidence import (
     BLOCK,
     apply_shares_compiled,
@@ -169,17 +169,17 @@ def _compiled(views: NetworkInput) -> Iterator[Trial]:
         lambda: upsample_bicubic(image, 4),
     )
     rows, columns = torch.meshgrid(torch.arange(height) + 0.8, torch.arange(width) + 0.7, indexing="ij")
-    landing = Landing(columns[None], rows[None], torch.ones(1, height, width))
+    landing = ProjectedPixels(columns[None], rows[None], torch.ones(1, height, width))
     photo, render = views.references[0, 0], views.references[0, 1]
 
     def read(one: Tensor) -> Tensor:
-        return read_at(one, landing, (height, width), visibility, "bicubic")
+        return sample_projected(one, landing, (height, width), visibility, "bicubic")
 
     yield Trial(
         "photo and render of a reference read together",
         "two thirds of the time: places and weights are computed once",
         lambda: (read(photo), read(render)),
-        lambda: read_both(photo, render, landing, (height, width), visibility, "bicubic"),
+        lambda: sample_projected_pair(photo, render, landing, (height, width), visibility, "bicubic"),
     )
 
 

@@ -17,14 +17,14 @@ import torch
 from omegaconf import DictConfig
 
 from ablations.study.engine import Study, job
-from gaussian_enhancer.align.references import Pool
+from gaussian_enhancer.align.references import ReferencePool
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.path_references import PathReferences
 from gaussian_enhancer.infer.plan import Rules
 from gaussian_enhancer.metrics.cost import Timing, time_interleaved
 from gaussian_enhancer.runs.compose import compose_job
 from gaussian_enhancer.runs.instantiate import build
-from gaussian_enhancer.runs.video import Filmed, VideoOutput, prepare_film, read_output
+from gaussian_enhancer.runs.video import VideoOutput, VideoTask, prepare_video, read_output
 from gaussian_enhancer.video.encode import VideoWriter
 from gaussian_enhancer.video.film import Film, Frame
 from gaussian_enhancer.video.frames import FrameFolder
@@ -44,15 +44,15 @@ class Bench:
         folder: parent of the folders that each repetition writes to.
     """
 
-    filmed: Filmed
+    filmed: VideoTask
     rules: Rules
     output: VideoOutput
     folder: Path
 
-    def fresh(self, pool: Pool | None = None) -> Film:
+    def fresh(self, pool: ReferencePool | None = None) -> Film:
         """A film without finished frames and, unless a pool is given, without references in memory."""
         views = self.filmed.found.pool.views
-        found = replace(self.filmed.found, pool=Pool(views) if pool is None else pool)
+        found = replace(self.filmed.found, pool=ReferencePool(views) if pool is None else pool)
         enhancer = self.filmed.enhancer
         if isinstance(enhancer.reference_config, PathReferences):
             enhancer.reference_config.kept.clear()
@@ -79,7 +79,7 @@ def measured(bench: Bench, rounds: int) -> dict[str, Timing]:
         bench: the film.
         rounds: number of rounds, in turn, after one that is not counted.
     """
-    pool = Pool(bench.filmed.found.pool.views, capacity=len(bench.filmed.found.pool.views))
+    pool = ReferencePool(bench.filmed.found.pool.views, capacity=len(bench.filmed.found.pool.views))
     drawn = list(bench.fresh(pool).draw_frames())
     frames = list(bench.fresh(pool).enhance_frames(drawn))
 
@@ -122,7 +122,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
     """
     load = os.getloadavg()[0]
     composed = compose_job("video", cfg, cfg.overrides, run=cfg.run, frames=cfg.frames)
-    filmed = prepare_film(composed, device)
+    filmed = prepare_video(composed, device)
     output = read_output(composed, filmed.path)
     frames = len(filmed.path.cameras)
 

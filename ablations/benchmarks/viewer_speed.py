@@ -26,7 +26,7 @@ from PIL import Image
 
 from ablations.study.engine import Study, job
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import atomic_write
 
 CHROMIUM, DRIVER = "/usr/bin/chromium", "/usr/bin/chromedriver"
 FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--enable-unsafe-swiftshader")
@@ -188,7 +188,7 @@ def pictured(driver: Any, path: str) -> None:
     """
     driver.execute_script("document.querySelectorAll('[role=alert]').forEach((one) => one.remove())")
     picture = Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB")
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         picture.save(temporary, format="JPEG", quality=85, optimize=True)
 
 

@@ -15,8 +15,8 @@ from ablations.ibgs.network import ResidualInput
 from ablations.ibgs.training import TrainedResidual, applied_exposure, corrected
 from ablations.study.fits import finished_runs
 from ablations.study.methods import Applied
-from gaussian_enhancer.align.alignment import Pixels
-from gaussian_enhancer.align.references import Pool
+from gaussian_enhancer.align.alignment import LoadedView
+from gaussian_enhancer.align.references import ReferencePool
 from gaussian_enhancer.checkpoint import checkpoint_digest
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.rendered import RenderedView
@@ -37,7 +37,7 @@ class ResidualEnhancer:
     exposure: bool = True
 
     @torch.inference_mode()
-    def __call__(self, view: RenderedView, target: Pixels, pool: Pool) -> Float[Tensor, "3 h w"]:
+    def __call__(self, view: RenderedView, target: LoadedView, pool: ReferencePool) -> Float[Tensor, "3 h w"]:
         """Render and residual.
 
         Args:

@@ -11,8 +11,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from gaussian_enhancer.align.alignment import Pixels
-from gaussian_enhancer.align.references import Pool
+from gaussian_enhancer.align.alignment import LoadedView
+from gaussian_enhancer.align.references import ReferencePool
 from gaussian_enhancer.align.reproject import reproject
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.image_quality import fit_colour_map
@@ -87,7 +87,7 @@ class SourceChoice:
                 found.append((float((camera.centre - other.centre).norm()), index))
         return tuple(index for _, index in sorted(found)[: self.candidates])
 
-    def sources(self, view: RenderedView, target: Pixels, pool: Pool) -> Sources:
+    def sources(self, view: RenderedView, target: LoadedView, pool: ReferencePool) -> Sources:
         """The source views of a target.
 
         Args:

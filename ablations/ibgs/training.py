@@ -16,8 +16,8 @@ from torch import Tensor
 
 from ablations.ibgs.network import IBGSResidual, ResidualInput
 from ablations.ibgs.sources import SourceChoice, Sources, exposure_map, mapped_colours
-from gaussian_enhancer.align.references import Pool, read_target
-from gaussian_enhancer.checkpoint import build_filled, parse_metadata, read_checkpoint, write_checkpoint
+from gaussian_enhancer.align.references import ReferencePool, read_target
+from gaussian_enhancer.checkpoint import build_and_load, parse_metadata, read_checkpoint, write_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.loss.terms import dssim
 from gaussian_enhancer.scene.rendered import RenderedSet
@@ -89,7 +89,7 @@ def training_views(rendered: RenderedSet, choice: SourceChoice, exposure: bool) 
     Raises:
         InputError: a view has no render, photo, camera or depth.
     """
-    pool, samples = Pool(rendered.references, capacity=len(rendered.references)), []
+    pool, samples = ReferencePool(rendered.references, capacity=len(rendered.references)), []
     for view in rendered.references:
         if view.read_photo is None:
             raise InputError(view.name, "has no photo to learn from", "give fits with their training photos")
@@ -253,6 +253,6 @@ class TrainedResidual:
         """
         values, metadata = read_checkpoint(path, FORMAT)
         card: dict[str, Any] = parse_metadata(metadata, "card", path)
-        network = build_filled(IBGSResidual, {}, values, path).eval()
+        network = build_and_load(IBGSResidual, {}, values, path).eval()
         settings, choice = ResidualSettings(**card["settings"]), SourceChoice(**card["choice"])
         return cls(network, str(card["fit"]), int(card["step"]), settings, choice)

@@ -19,10 +19,10 @@ from ablations.suite.evaluation import StudyCell, compose_checked, fitted_cell
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.infer.enhancer import Enhanced
+from gaussian_enhancer.infer.enhancer import EnhancedView
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.plan import Plan, Rules
-from gaussian_enhancer.infer.preload import file_reads
+from gaussian_enhancer.infer.preload import validation_reads
 from gaussian_enhancer.infer.validated_inputs import validate_inputs
 from gaussian_enhancer.infer.weights import Pretrained, load_weights
 from gaussian_enhancer.metrics.cost import Timing, peak_memory, time_interleaved
@@ -50,7 +50,7 @@ class PlanOutcome:
     """
 
     plan: Plan
-    images: tuple[Enhanced, ...]
+    images: tuple[EnhancedView, ...]
 
 
 def output_path(cfg: DictConfig) -> Path:
@@ -127,7 +127,7 @@ def enhanced_by(rules: Rules, pretrained: Pretrained, rendered: RenderedSet, dev
     found = validate_inputs(rendered, pretrained.reference_config, rules, pretrained.network.scale)
     enhancer = EnhancementOptions().enhancer(pretrained, found.reference_config, device)
     planner = found.planner(rules)
-    for read_file in file_reads(found, False, planner, False):
+    for read_file in validation_reads(found, False, planner, False):
         read_file()
     images = tuple(enhancer(found.rendered, planner, found.pool))
     views = tuple(one.plan for one in images if one.plan is not None)
@@ -186,7 +186,7 @@ def _scene_record(
         "peak_memory_mb": peak / 1e6,
         "views": count,
         "background": float(background),
-        "passed": one.plan.passed,
+        "passed": one.plan.passed_share,
         "candidates_taken": sum(len(view.references or ()) for view in views),
         "candidates_left_out": len(left),
         "candidates_unseeing": sum(share < one.plan.rules.share for share in left),

@@ -12,7 +12,7 @@ from PIL import Image, ImageChops, ImageDraw, ImageFont, ImageStat, Unidentified
 
 from ablations.study.description import TableDescription
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import atomic_write
 
 PHOTO = "photo"
 """Key of the photo among the images of a scene."""
@@ -63,7 +63,7 @@ def write_grid(
     scenes = list(dict.fromkeys([*dataset_scenes, *(scene for scene, _ in images)]))
     given_boxes = boxes or {}
     lines = [_line(scene, table.baseline, columns, images, height, share, given_boxes.get(scene)) for scene in scenes]
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         _assemble_grid(lines, scenes, ["view", *columns.values()]).save(temporary, "PNG")
     return path
 

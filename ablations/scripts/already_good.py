@@ -20,7 +20,7 @@ from torch import Tensor
 
 from ablations.study.engine import Study, job
 from ablations.study.fits import finished_fits, scene_of
-from gaussian_enhancer.align.alignment import Pixels
+from gaussian_enhancer.align.alignment import LoadedView
 from gaussian_enhancer.align.coarse_visibility import coarsen
 from gaussian_enhancer.align.exposure import match_exposure
 from gaussian_enhancer.align.references import read_target
@@ -62,7 +62,7 @@ def measured(fit: Path, count: int, pretrained: Pretrained, device: torch.device
         yield Record("already_good", fit.name, scene_of(fit), "3dgs", view.name, "", metrics, {}, (width, height))
 
 
-def predicted(target: Pixels, references: list[Pixels], shape: torch.Size) -> Tensor:
+def predicted(target: LoadedView, references: list[LoadedView], shape: torch.Size) -> Tensor:
     """The largest error that a reference shows for each block; infinite where none sees most of it."""
     worst = torch.full(shape, -1.0)
     for reference in references:

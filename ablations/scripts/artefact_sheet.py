@@ -22,7 +22,7 @@ from ablations.study.fits import finished_fits, scene_of
 from gaussian_enhancer.degrade.artefact_types import ARTEFACTS, TYPES
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.gates.fingerprint import ENERGIES
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.report.figures import contact_sheet
 from gaussian_enhancer.scene.frozen import refuse_untrained
 
@@ -115,7 +115,7 @@ def write_sheet(reals: Sequence[RealRender], found: Sequence[Crop], path: Path, 
     order = (*KINDS, *sorted({*TYPES} - {*KINDS}))
     images, names = zip(*(sheet_row(reals, found, name, side, draws) for name in order), strict=True)
     titles = ("photo", "real render", *(f"strength {strength:g}" for strength in STRENGTHS))
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         kind = "PNG" if path.suffix == ".png" else "JPEG"
         contact_sheet(images, titles, names, height=side).save(temporary, kind, quality=93, subsampling=0)
 

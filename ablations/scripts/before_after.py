@@ -18,7 +18,7 @@ from PIL import Image, ImageDraw, ImageFont
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.input_files import read_yaml
 from gaussian_enhancer.metrics.image_quality import psnr
 from gaussian_enhancer.runs.instantiate import require
@@ -188,5 +188,5 @@ def write_picture(path: str | Path, picture: Image.Image, text: str, quality: in
     """
     exif = Image.Exif()
     exif[DESCRIPTION] = text
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         picture.save(temporary, format="JPEG", quality=quality, subsampling=0, optimize=True, exif=exif)

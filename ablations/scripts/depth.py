@@ -26,7 +26,7 @@ from ablations.study.engine import Study, job
 from ablations.study.enhanced_views import enhanced_views
 from ablations.study.fits import finished_fits, scene_of
 from ablations.study.rows import with_gains
-from gaussian_enhancer.align.alignment import Aligned, Pixels, Reprojected
+from gaussian_enhancer.align.alignment import AlignedReferences, LoadedView, Reprojected
 from gaussian_enhancer.align.depth_search import DepthKind
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
@@ -76,7 +76,7 @@ class Through:
     depths: Depths
     warp: Reprojected
 
-    def __call__(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
+    def __call__(self, target: LoadedView, references: Sequence[LoadedView], keep: int) -> AlignedReferences:
         """Warp as ever, with the depths replaced."""
         views = [replace(view, depth=self.depths[view.name]) for view in (target, *references)]
         return self.warp(views[0], views[1:], keep)
@@ -166,7 +166,7 @@ def preparations(base: ReferenceConfig, depths: Mapping[str, Depths]) -> dict[st
 
 
 def propagated(
-    render: Float[Tensor, "3 h w"], aligned: Aligned, softness: float = 0.02, prior: float = 0.5
+    render: Float[Tensor, "3 h w"], aligned: AlignedReferences, softness: float = 0.02, prior: float = 0.5
 ) -> Float[Tensor, "3 h w"]:
     """Add the references' residuals to the render, each weighted by the agreement of the splat's two renders.
 
@@ -184,7 +184,7 @@ def propagated(
 
 
 def reference_quality(
-    aligned: Aligned, render: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]
+    aligned: AlignedReferences, render: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]
 ) -> dict[str, float | None]:
     """PSNR of the first reference where it is visible, PSNR of the render on these pixels, and their share."""
     if not len(aligned.references):

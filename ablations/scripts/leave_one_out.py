@@ -17,7 +17,7 @@ from ablations.scripts.convergence import role_of
 from ablations.study.engine import Study, job
 from ablations.study.fits import finished_fits, scene_of
 from gaussian_enhancer.align.exposure import match_exposure
-from gaussian_enhancer.align.references import Pool, join, read_target
+from gaussian_enhancer.align.references import ReferencePool, build_network_input, read_target
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
@@ -28,7 +28,7 @@ from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.scene.renders import read_run, run_steps
 
 
-def measured(view: RenderedView, pool: Pool, enhancer: SetEnhancer) -> dict[str, object]:
+def measured(view: RenderedView, pool: ReferencePool, enhancer: SetEnhancer) -> dict[str, object]:
     """The render's PSNR, the gain, and the share of the change that would have been best, for one view.
 
     Args:
@@ -43,7 +43,7 @@ def measured(view: RenderedView, pool: Pool, enhancer: SetEnhancer) -> dict[str,
         raise InputError(view.name, "has no photo to compare with", "give runs with held-out photos")
     target, photo = read_target(view), view.read_photo()
     truth = match_exposure(photo, target.image)
-    enhanced = enhancer.enhance(join(target, enhancer.reference_config.align(target, view, pool)))[0]
+    enhanced = enhancer.enhance(build_network_input(target, enhancer.reference_config.align(target, view, pool)))[0]
     change, wanted = enhanced - target.image, truth - target.image
     share = float((change * wanted).sum() / change.square().sum().clamp_min(1e-9))
     raw = float(psnr(target.image, truth))
@@ -68,7 +68,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
     def measure(run: Path) -> Iterator[dict[str, object]]:
         (digest, enhancer), step = made(), run_steps(run)[-1]
         rendered, scene = read_run(run, step), scene_of(run)
-        pool = Pool(rendered.references)
+        pool = ReferencePool(rendered.references)
         about = {"role": role_of(scene), "scene": scene, "run": run.name, "step": step, "weights": digest}
         for side, views in (("held out", rendered.targets), ("training", rendered.references)):
             for view in views[:: cfg.every]:

@@ -12,7 +12,7 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from gaussian_enhancer.checkpoint import SHIPPED
+from gaussian_enhancer.checkpoint import SHIPPED_FOLDER
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.weights import Pretrained, design_of, load_weights, reference_config_of, save_weights
@@ -52,5 +52,5 @@ def run(cfg: DictConfig) -> None:
     if cfg.first:
         network, first = with_first(network, load_weights(cfg.first))
         card |= {"first": first, "design": design_of(network)}
-    save_weights(SHIPPED / f"{cfg.name}.safetensors", network, reference_config, card, found.confidence)
-    write_text(SHIPPED / f"{cfg.name}.json", json.dumps(card, indent=2) + "\n")
+    save_weights(SHIPPED_FOLDER / f"{cfg.name}.safetensors", network, reference_config, card, found.confidence)
+    write_text(SHIPPED_FOLDER / f"{cfg.name}.json", json.dumps(card, indent=2) + "\n")

@@ -10,13 +10,13 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional
 
-from gaussian_enhancer.align.alignment import Pixels
+from gaussian_enhancer.align.alignment import LoadedView
 from gaussian_enhancer.types import Camera, identity_camera
 
 HEIGHT, WIDTH, DISTANCE = 32, 48, 3.0
 
 
-def plane(shift: float = 0.0, unit: float = 1.0, name: str = "target.png") -> Pixels:
+def plane(shift: float = 0.0, unit: float = 1.0, name: str = "target.png") -> LoadedView:
     """A view of the plane in double precision, with depth and a render, which is the smoothed photo.
 
     Args:
@@ -33,7 +33,7 @@ def plane(shift: float = 0.0, unit: float = 1.0, name: str = "target.png") -> Pi
     photo = functional.grid_sample(texture, grid, padding_mode="border", align_corners=False)[0]
     depth = torch.full((1, HEIGHT, WIDTH), DISTANCE * unit, dtype=torch.float64)
     render = functional.avg_pool2d(photo[None], 3, 1, 1, count_include_pad=False)[0]
-    return Pixels(name, photo, camera, depth, torch.ones_like(depth), render)
+    return LoadedView(name, photo, camera, depth, torch.ones_like(depth), render)
 
 
 def shifted(right: float, behind: bool = False) -> Camera:
@@ -46,7 +46,7 @@ def shifted(right: float, behind: bool = False) -> Camera:
     return replace(camera, world_to_camera=pose)
 
 
-def as_target(view: Pixels) -> Pixels:
+def as_target(view: LoadedView) -> LoadedView:
     """The view as a target of enhancement: its render in place of its photo."""
     if view.render is None:
         raise ValueError(f"{view.name} has no render")

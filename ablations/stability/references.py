@@ -12,7 +12,7 @@ from ablations.stability.case import Case, Problem
 from ablations.stability.depth import WARPED
 from ablations.stability.geometry import as_target, plane, shifted
 from ablations.stability.images import network_inputs, run_network, shipped_network
-from gaussian_enhancer.align.alignment import Pixels, Reprojected, Unwarped, Warp
+from gaussian_enhancer.align.alignment import LoadedView, Reprojected, Unwarped, Warp
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.network.network import Network
@@ -78,7 +78,7 @@ def _aligned(name: str, way: str, module: nn.Module | None, inputs: dict[str, Te
     return channels.sum(0) if len(channels) else torch.cat([inputs["render"], inputs["render"][:1]]) * 0
 
 
-def references(name: str, target: Pixels) -> Sequence[Pixels]:
+def references(name: str, target: LoadedView) -> Sequence[LoadedView]:
     """The references of a case."""
     ordinary = [plane(shift, name=view_name) for shift, view_name in zip((0.2, -0.2, 0.4), NAMES, strict=True)]
     if name == "identical":
@@ -100,7 +100,7 @@ def references(name: str, target: Pixels) -> Sequence[Pixels]:
     return [replace(ordinary[0], name=view_name) for view_name in NAMES]
 
 
-def _cast_view(view: Pixels, kind: torch.dtype) -> Pixels:
+def _cast_view(view: LoadedView, kind: torch.dtype) -> LoadedView:
     """A view with its images converted to a dtype; its camera is unchanged."""
     images = {name: getattr(view, name) for name in ("image", "depth", "alpha", "render")}
     converted = {name: None if image is None else image.to(kind) for name, image in images.items()}

@@ -10,12 +10,12 @@ from typing import Protocol, runtime_checkable
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.align.alignment import Aligned, Pixels, Unwarped
-from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
+from gaussian_enhancer.align.alignment import AlignedReferences, LoadedView, Unwarped
+from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool, build_network_input, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.metrics.lpips import PerceptualDistance
-from gaussian_enhancer.metrics.pair import Measured, measure_pair
+from gaussian_enhancer.metrics.pair import ImageMetrics, measure_pair
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 
 
@@ -23,7 +23,7 @@ from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 class ViewMethod(Protocol):
     """A method other than a `SetEnhancer`, which selects its references itself."""
 
-    def __call__(self, view: RenderedView, target: Pixels, pool: Pool) -> Float[Tensor, "3 h w"]:
+    def __call__(self, view: RenderedView, target: LoadedView, pool: ReferencePool) -> Float[Tensor, "3 h w"]:
         """Enhance one target view, from its pixels and the training views of its set."""
         ...
 
@@ -39,8 +39,8 @@ class MethodResult:
     """
 
     image: Float[Tensor, "3 h w"]
-    aligned: Aligned
-    measured: Measured
+    aligned: AlignedReferences
+    measured: ImageMetrics
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class EnhancedView:
     view: RenderedView
     render: Float[Tensor, "3 h w"]
     photo: Float[Tensor, "3 h w"]
-    raw: Measured
+    raw: ImageMetrics
     results: Mapping[str, MethodResult]
 
     def gains(self, method: str) -> dict[str, float]:
@@ -85,12 +85,12 @@ def enhanced_views(
     Raises:
         InputError: a target has no photo.
     """
-    pool = Pool(rendered.references)
+    pool = ReferencePool(rendered.references)
     for view in rendered.targets[::every]:
         if view.read_photo is None:
             raise InputError(view.name, "has no photo to compare with", "give runs with held-out photos")
         target, photo = read_target(view), view.read_photo()
-        aligned_by_config: list[tuple[ReferenceConfig, Aligned]] = []
+        aligned_by_config: list[tuple[ReferenceConfig, AlignedReferences]] = []
         results: dict[str, MethodResult] = {}
         for name, enhancer in enhancers.items():
             if not isinstance(enhancer, SetEnhancer):
@@ -102,6 +102,6 @@ def enhanced_views(
             if aligned is None:
                 aligned = config.align(target, view, pool)
                 aligned_by_config.append((config, aligned))
-            image = enhancer.enhance(join(target, aligned))[0]
+            image = enhancer.enhance(build_network_input(target, aligned))[0]
             results[name] = MethodResult(image, aligned, measure_pair(image, photo, distances))
         yield EnhancedView(view, target.image, photo, measure_pair(target.image, photo, distances), results)

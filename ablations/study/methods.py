@@ -13,8 +13,8 @@ from torch import Tensor
 
 from ablations.study.enhanced_views import ViewMethod
 from ablations.study.fits import finished_fits, fits_by_scene, scene_of
-from gaussian_enhancer.align.alignment import Pixels
-from gaussian_enhancer.align.references import Pool, ReferenceConfig
+from gaussian_enhancer.align.alignment import LoadedView
+from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.network.network import Network
@@ -91,7 +91,7 @@ class RenderAverage:
 
     views: Mapping[str, RenderedView]
 
-    def __call__(self, view: RenderedView, target: Pixels, pool: Pool) -> Float[Tensor, "3 h w"]:
+    def __call__(self, view: RenderedView, target: LoadedView, pool: ReferencePool) -> Float[Tensor, "3 h w"]:
         """The average.
 
         Args:

@@ -16,7 +16,7 @@ from gaussian_enhancer.runs import status
 from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos, high_resolution_config
 from gaussian_enhancer.runs.inputs import render_capture
 from gaussian_enhancer.runs.instantiate import build
-from gaussian_enhancer.runs.output import read_own_size
+from gaussian_enhancer.runs.output import read_original_size
 from gaussian_enhancer.runs.run import find_run, open_run
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.high_resolution import UPSCALE
@@ -41,7 +41,7 @@ def fine_photos(cfg: DictConfig, fit: Path) -> Path:
 
     def photos() -> Named:
         for view in HighResolutionPhotos(Path(cfg.runs) / "photos")(fit, read_run(fit)).targets:
-            yield view.name, read_own_size(view)
+            yield view.name, read_original_size(view)
 
     return _cached_images(cfg, "fine_photos", fit.name, {"fit": str(fit)}, photos)
 

@@ -20,7 +20,7 @@ from torch import Tensor
 from ablations.suite.costs import plane
 from gaussian_enhancer.align.depth_search import Source, refine_depth
 from gaussian_enhancer.align.depth_smoothing import smooth_depth
-from gaussian_enhancer.align.references import Pool, join, read_target
+from gaussian_enhancer.align.references import ReferencePool, build_network_input, read_target
 from gaussian_enhancer.align.reproject import reproject
 from gaussian_enhancer.degrade.artefacts.blur import oriented_kernels
 from gaussian_enhancer.degrade.artefacts.downsampling import KINDS, resampling_matrix
@@ -203,8 +203,8 @@ def networks(device: torch.device) -> Cases:
         network = pretrained.network.requires_grad_(False).to(device)
         views = plane(*SIZE)
         target = read_target(views.targets[0])
-        aligned = pretrained.reference_config.align(target, views.targets[0], Pool(views.references))
-        inputs = join(replace(target, image=(target.image * 255).round() / 255), aligned).to(device)
+        aligned = pretrained.reference_config.align(target, views.targets[0], ReferencePool(views.references))
+        inputs = build_network_input(replace(target, image=(target.image * 255).round() / 255), aligned).to(device)
         precise, exact = copy.deepcopy(network).double(), inputs.to(torch.float64)
 
         def enhanced(dtype: torch.dtype, network: torch.nn.Module = network, inputs: object = inputs) -> Tensor:

@@ -13,15 +13,15 @@ import torch
 from torch import Tensor, nn
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
-from gaussian_enhancer.input_files import abbreviate, parse_json, refusal, refuse_larger, regular_file
+from gaussian_enhancer.files import atomic_write
+from gaussian_enhancer.input_files import abbreviate, parse_json, refuse_larger, regular_file, to_input_error
 
 _N = TypeVar("_N", bound=nn.Module)
-SHIPPED = Path(__file__).resolve().parent / "weights"
+SHIPPED_FOLDER = Path(__file__).resolve().parent / "weights"
 DTYPES = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
-WIDENED = 6
+MEMORY_GROWTH = 6
 """Most memory that a file's values take, as a multiple of its size: as stored, twice in fp32, and in the network."""
-MEND = "get the weights again, or train them with this version"
+REMEDY = "get the weights again, or train them with this version"
 
 
 def write_checkpoint(path: Path, values: Mapping[str, Tensor], metadata: Mapping[str, str]) -> None:
@@ -38,7 +38,7 @@ def write_checkpoint(path: Path, values: Mapping[str, Tensor], metadata: Mapping
     from safetensors.torch import save
 
     tensors = {name: value.detach().cpu().half().contiguous() for name, value in values.items()}
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_bytes(save(tensors, {"format": metadata["format"], **metadata}))
 
 
@@ -62,14 +62,14 @@ def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
     from safetensors import SafetensorError, safe_open
 
     size = regular_file(path)
-    refuse_larger(path, WIDENED * size, f"is {size} bytes long")
+    refuse_larger(path, MEMORY_GROWTH * size, f"is {size} bytes long")
     try:
         with safe_open(str(path), framework="pt") as file:
             return {name: file.get_tensor(name) for name in file.keys()}, file.metadata() or {}  # noqa: SIM118
     except (SafetensorError, OSError, ValueError) as error:
         if isinstance(error, OSError) and error.errno is not None:
-            raise refusal(path, error) from error
-        raise InputError(path, f"is no whole safetensors file ({size} bytes: {error})", MEND) from error
+            raise to_input_error(path, error) from error
+        raise InputError(path, f"is no whole safetensors file ({size} bytes: {error})", REMEDY) from error
 
 
 def parse_metadata(metadata: Mapping[str, str], name: str, path: Path) -> dict[str, Any]:
@@ -84,14 +84,14 @@ def parse_metadata(metadata: Mapping[str, str], name: str, path: Path) -> dict[s
         InputError: there is no such entry, or it is no JSON object.
     """
     if name not in metadata:
-        raise InputError(path, f"describes no {name}", MEND)
+        raise InputError(path, f"describes no {name}", REMEDY)
     value = parse_json(metadata[name], f"{path}: its {name}")
     if not isinstance(value, dict):
-        raise InputError(path, f"has a {name} that is no mapping ({abbreviate(value)})", MEND)
+        raise InputError(path, f"has a {name} that is no mapping ({abbreviate(value)})", REMEDY)
     return value
 
 
-def build_filled(build: Callable[[], _N], design: Mapping[str, Any], tensors: Mapping[str, Tensor], path: Path) -> _N:
+def build_and_load(build: Callable[[], _N], design: Mapping[str, Any], tensors: Mapping[str, Tensor], path: Path) -> _N:
     """Build the network that a file describes, and load the file's tensors into it.
 
     The network is first built on the meta device, which allocates no memory, and its shapes are compared with those of
@@ -104,16 +104,16 @@ def build_filled(build: Callable[[], _N], design: Mapping[str, Any], tensors: Ma
         path: the file, named in errors.
 
     Raises:
-        InputError: the design has more blocks than the file has tensors, or see `fill`.
+        InputError: the design has more blocks than the file has tensors, or see `load_tensors`.
         KeyError, TypeError, ValueError: as raised by ``build`` for an unknown design.
     """
     depth = _blocks(design)
     if depth > len(tensors):
-        raise InputError(path, f"has a design of {depth} blocks but {len(tensors)} tensors", MEND)
+        raise InputError(path, f"has a design of {depth} blocks but {len(tensors)} tensors", REMEDY)
     with torch.device("meta"):
-        _refuse_misfit(build(), tensors, path)
+        _check_tensors(build(), tensors, path)
     network = build()
-    fill(network, tensors, path)
+    load_tensors(network, tensors, path)
     return network
 
 
@@ -128,15 +128,15 @@ def _blocks(design: Any) -> int:
     return sum(block_counts) + sum(_blocks(value) for value in design.values())
 
 
-def _refuse_misfit(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
+def _check_tensors(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
     expected = {name: value.shape for name, value in network.state_dict().items()}
     stored = {name: value.shape for name, value in tensors.items()}
     if expected != stored:
         mismatch = sorted(set(expected.items()) ^ set(stored.items()))[0][0]
-        raise InputError(path, f"does not fit its own design at {mismatch}", MEND)
+        raise InputError(path, f"does not fit its own design at {mismatch}", REMEDY)
 
 
-def fill(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
+def load_tensors(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
     """Load tensors into a network.
 
     Args:
@@ -147,13 +147,13 @@ def fill(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
     Raises:
         InputError: names or shapes differ, a tensor's type is none of `DTYPES`, or a value is not finite.
     """
-    _refuse_misfit(network, tensors, path)
+    _check_tensors(network, tensors, path)
     unsupported = sorted(str(value.dtype) for value in tensors.values() if value.dtype not in DTYPES)
     if unsupported:
-        raise InputError(path, f"holds values of type {unsupported[0]}", MEND)
+        raise InputError(path, f"holds values of type {unsupported[0]}", REMEDY)
     values = {name: value.float() for name, value in tensors.items()}
     if not all(bool(torch.isfinite(value).all()) for value in values.values()):
-        raise InputError(path, "holds values that are not finite", MEND)
+        raise InputError(path, "holds values that are not finite", REMEDY)
     network.load_state_dict(values)
 
 
@@ -190,12 +190,12 @@ def find_checkpoint(source: str | Path) -> Path:
     if not isinstance(source, str | Path):
         raise InputError("weights", f"is {abbreviate(source)}", "name a file or shipped weights")
     path = Path(source)
-    shipped = SHIPPED / f"{source}.safetensors"
+    shipped = SHIPPED_FOLDER / f"{source}.safetensors"
     if path.is_file():
         return path
     if path.name == str(source) and shipped.is_file():
         return shipped
-    names = ", ".join(sorted(p.stem for p in SHIPPED.glob("*.safetensors"))) or "none"
+    names = ", ".join(sorted(p.stem for p in SHIPPED_FOLDER.glob("*.safetensors"))) or "none"
     raise InputError(f"weights {source}", "is neither a file nor a shipped name", f"name a file, or one of: {names}")
 
 

@@ -17,13 +17,15 @@ import numpy as np
 
 from gaussian_enhancer.errors import InputError
 
-_headers = threading.RLock()
+_header_lock = threading.RLock()
 if hasattr(os, "register_at_fork"):  # a worker forked while a thread holds the lock would wait for it for ever
-    os.register_at_fork(before=_headers.acquire, after_in_parent=_headers.release, after_in_child=_headers.release)
+    os.register_at_fork(
+        before=_header_lock.acquire, after_in_parent=_header_lock.release, after_in_child=_header_lock.release
+    )
 
 
 @contextmanager
-def whole_file(path: str | Path) -> Iterator[Path]:
+def atomic_write(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path in the folder of ``path``; it replaces ``path`` when the block ends without an error.
 
     Parent folders are created. The temporary file has the same extension, for writers that choose the format by it.
@@ -45,7 +47,7 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         yield temporary
         os.replace(temporary, path)
     except OSError as error:
-        raise unwritable(path, error) from error
+        raise to_write_error(path, error) from error
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
@@ -66,7 +68,7 @@ def save_array(path: str | Path, array: np.ndarray) -> None:
     """
     content = io.BytesIO()
     np.save(content, array)
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_bytes(content.getbuffer())
 
 
@@ -83,7 +85,7 @@ def load_array(path: str | Path, name: Callable[[list[str]], str] | None = None)
     Raises:
         OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError: what NumPy raises for a file that is damaged.
     """
-    with _headers:
+    with _header_lock:
         stored = np.load(path, mmap_mode="r", allow_pickle=False)
         if isinstance(stored, np.ndarray):
             return stored
@@ -103,7 +105,7 @@ def array_header(path: str | Path, name: Callable[[list[str]], str] | None = Non
     Raises:
         OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError: as `load_array`, or the chosen member is no .npy.
     """
-    with _headers, open(path, "rb") as file:
+    with _header_lock, open(path, "rb") as file:
         if not zipfile.is_zipfile(file):
             file.seek(0)
             return _header(file)
@@ -122,7 +124,7 @@ def _header(file: Any) -> tuple[tuple[int, ...], np.dtype]:
     return shape, dtype
 
 
-def unwritable(path: str | Path, error: OSError) -> InputError:
+def to_write_error(path: str | Path, error: OSError) -> InputError:
     """Convert a system error on writing ``path`` to an `InputError`."""
     reason = error.strerror or str(error)
     return InputError(path, f"cannot be written ({reason})", "free some space or choose another folder")
@@ -141,5 +143,5 @@ def write_text(path: str | Path, text: str) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

@@ -29,7 +29,16 @@ JSON_GROWTH = 32
 YAML_GROWTH = 256
 """Most bytes of Python objects per byte of parsed YAML, including those of the parser."""
 LONGEST_NUMBER = 100
-DAMAGE = (OSError, EOFError, UnicodeError, struct.error, zlib.error, zipfile.BadZipFile, OverflowError, MemoryError)
+FILE_ERRORS = (
+    OSError,
+    EOFError,
+    UnicodeError,
+    struct.error,
+    zlib.error,
+    zipfile.BadZipFile,
+    OverflowError,
+    MemoryError,
+)
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
@@ -57,7 +66,7 @@ def regular_file(path: str | Path) -> int:
     Raises:
         InputError: it does not exist, may not be read, or is a folder, or a pipe or device, which may never end.
     """
-    with reading(path):
+    with convert_read_errors(path):
         file_status = os.stat(path)
     if stat.S_ISDIR(file_status.st_mode):
         raise InputError(path, "is a folder", "name a file")
@@ -78,13 +87,13 @@ def read_bytes(path: str | Path, growth: int = 1) -> bytes:
     """
     size = regular_file(path)
     refuse_larger(path, size * growth, f"is {size} bytes long")
-    with reading(path), open(path, "rb") as file:
+    with convert_read_errors(path), open(path, "rb") as file:
         return file.read(size)
 
 
 def read_text(path: str | Path, growth: int = 4) -> str:
     """The content of a regular UTF-8 file, without a byte-order mark; arguments and errors as for `read_bytes`."""
-    with reading(path):
+    with convert_read_errors(path):
         return read_bytes(path, growth).decode("utf-8-sig")
 
 
@@ -99,7 +108,7 @@ def parse_json(text: str, subject: object) -> Any:
         InputError: it is malformed, nested too deeply, or holds a number of more than 100 digits.
     """
     try:
-        return json.loads(text, parse_int=_whole)
+        return json.loads(text, parse_int=_parse_integer)
     except json.JSONDecodeError as error:
         received = f"is no JSON: line {error.lineno}, column {error.colno}: {error.msg}"
         raise InputError(subject, received, "correct that line or write the file again") from error
@@ -149,7 +158,7 @@ def refuse_larger_archive(path: str | Path) -> None:
     if not zipfile.is_zipfile(path):
         refuse_larger(path, size, f"is {size} bytes long")
         return
-    with reading(path), zipfile.ZipFile(path) as archive:
+    with convert_read_errors(path), zipfile.ZipFile(path) as archive:
         unpacked = sum(member.file_size for member in archive.infolist())
     refuse_larger(path, size + unpacked, f"announces {unpacked} bytes")
 
@@ -160,7 +169,7 @@ def abbreviate(value: object) -> str:
 
 
 @contextmanager
-def reading(path: str | Path) -> Iterator[None]:
+def convert_read_errors(path: str | Path) -> Iterator[None]:
     """Convert errors of the system or of a decoder within the block to an `InputError` that names the file.
 
     Args:
@@ -173,26 +182,26 @@ def reading(path: str | Path) -> Iterator[None]:
         yield
     except InputError:
         raise
-    except DAMAGE as error:
-        raise refusal(path, error) from error
+    except FILE_ERRORS as error:
+        raise to_input_error(path, error) from error
 
 
 def reader(function: _F) -> _F:
-    """Decorate a function that reads a file, so that its errors are converted as by `reading`.
+    """Decorate a function that reads a file, so that its errors are converted as by `convert_read_errors`.
 
     The function's first argument is a path, or an object with an attribute ``path``.
     """
 
     @functools.wraps(function)
     def guarded(path: Any, *args: Any, **kwargs: Any) -> Any:
-        with reading(getattr(path, "path", path)):
+        with convert_read_errors(getattr(path, "path", path)):
             return function(path, *args, **kwargs)
 
     return cast(_F, guarded)
 
 
 @contextmanager
-def codec(path: Path, remedy: str) -> Iterator[None]:
+def convert_decoder_errors(path: Path, remedy: str) -> Iterator[None]:
     """Convert any error of a third-party decoder to an `InputError`; such decoders promise no particular error types.
 
     Args:
@@ -208,13 +217,13 @@ def codec(path: Path, remedy: str) -> Iterator[None]:
         raise
     except Exception as error:
         if isinstance(error, OSError) and error.errno is not None:
-            raise refusal(path, error) from error
+            raise to_input_error(path, error) from error
         reason = f"{error}" if str(error) else type(error).__name__
         received = f"cannot be decoded ({path.stat().st_size} bytes: {reason})"
         raise InputError(path, received, remedy) from error
 
 
-def refusal(path: str | Path, error: BaseException) -> InputError:
+def to_input_error(path: str | Path, error: BaseException) -> InputError:
     """Convert an error on reading ``path`` to an `InputError`."""
     if isinstance(error, OSError) and error.errno is not None:
         subject = error.filename or path
@@ -243,7 +252,7 @@ def _limit() -> float:
     return limit * 1e9
 
 
-def _whole(digits: str) -> int:
+def _parse_integer(digits: str) -> int:
     """Parse an integer of JSON; Python's own limit is thousands of digits."""
     if len(digits) > LONGEST_NUMBER:
         raise ValueError(f"a number of {len(digits)} digits")

@@ -13,13 +13,13 @@ _M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4  # malloc.h
 _ALL = 2**31 - 1
 
 
-def keep_freed() -> bool:
+def retain_freed_memory() -> bool:
     """Keep freed memory for later allocations. Return whether the C library accepted the setting."""
     library = _glibc()
     return library is not None and bool(library.mallopt(_M_MMAP_MAX, 0) and library.mallopt(_M_TRIM_THRESHOLD, _ALL))
 
 
-def give_back() -> None:
+def release_freed_memory() -> None:
     """Return freed memory to the system, so that resident memory is only what is in use."""
     library = _glibc()
     if library is not None:

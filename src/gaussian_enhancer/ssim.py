@@ -18,36 +18,36 @@ RADIUS = 5
 SIGMA = 1.5
 
 
-def gaussian(distance: Tensor) -> Tensor:
+def window_weights(distance: Tensor) -> Tensor:
     """Weights of the window along one axis, at integer distances in pixels from its centre; all eleven sum to one."""
     offsets = torch.arange(-RADIUS, RADIUS + 1, dtype=distance.dtype, device=distance.device)
     total = torch.exp(-offsets.square() / (2 * SIGMA**2)).sum()
     return torch.exp(-distance.square() / (2 * SIGMA**2)) * (distance.abs() <= RADIUS) / total
 
 
-def windowed(images: Float[Tensor, "*n h w"]) -> Float[Tensor, "*n h w"]:
+def filter_windowed(images: Float[Tensor, "*n h w"]) -> Float[Tensor, "*n h w"]:
     """Filter images with the window, with zero padding.
 
     Args:
         images: any number of planes.
     """
-    window = gaussian(torch.arange(-RADIUS, RADIUS + 1, dtype=images.dtype, device=images.device))
+    window = window_weights(torch.arange(-RADIUS, RADIUS + 1, dtype=images.dtype, device=images.device))
     planes = images.reshape(-1, 1, *images.shape[-2:])
     rows = functional.conv2d(planes, window[None, None, :, None], padding=(RADIUS, 0))
     return functional.conv2d(rows, window[None, None, None, :], padding=(0, RADIUS)).view(images.shape)
 
 
 def ssim_map(
-    x: Float[Tensor, "*n h w"], y: Float[Tensor, "*n h w"], windowed: Callable[[Tensor], Tensor] = windowed
+    x: Float[Tensor, "*n h w"], y: Float[Tensor, "*n h w"], filter_images: Callable[[Tensor], Tensor] = filter_windowed
 ) -> Float[Tensor, "*n h w"]:
     """Structural similarity of every pixel and channel.
 
     Args:
         x: first image, [0, 1].
         y: second image, [0, 1].
-        windowed: filters images with the window; a caller may pass another implementation of the same filter.
+        filter_images: filters images with the window; a caller may pass another implementation of the same filter.
     """
-    mean_x, mean_y, square_x, square_y, product = windowed(torch.stack([x, y, x * x, y * y, x * y]))
+    mean_x, mean_y, square_x, square_y, product = filter_images(torch.stack([x, y, x * x, y * y, x * y]))
     luminance = (2 * mean_x * mean_y + C1) / (mean_x.square() + mean_y.square() + C1)
     spread = square_x - mean_x.square() + square_y - mean_y.square()
     return luminance * (2 * (product - mean_x * mean_y) + C2) / (spread + C2)

@@ -70,7 +70,7 @@ def check_value(value: Any, kind: Any, subject: str) -> None:
     try:
         TypeAdapter(kind, config=None if _has_rules(kind) else STRICT).validate_python(value)
     except ValidationError as error:
-        raise refusal(error, subject, kind) from error
+        raise to_input_error(error, subject, kind) from error
 
 
 def check_plain(value: Any, kind: Any, subject: str) -> None:
@@ -87,10 +87,10 @@ def check_plain(value: Any, kind: Any, subject: str) -> None:
     try:
         TypeAdapter(kind, config=None if _has_rules(kind) else STRICT).validate_json(json.dumps(value))
     except ValidationError as error:
-        raise refusal(error, subject, kind) from error
+        raise to_input_error(error, subject, kind) from error
 
 
-def refusal(error: ValidationError, subject: str, kind: Any = None) -> InputError:
+def to_input_error(error: ValidationError, subject: str, kind: Any = None) -> InputError:
     """Convert pydantic's error to an `InputError` that names the first invalid value and the permitted ones.
 
     Args:

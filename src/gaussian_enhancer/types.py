@@ -18,7 +18,7 @@ from torch import Tensor
 from gaussian_enhancer.errors import InputError
 
 _M = TypeVar("_M", bound="Movable")
-FARTHEST = 1e9
+MAX_POSE_VALUE = 1e9
 """Largest value of a pose in scene units; float32 has a spacing of 64 units there."""
 
 
@@ -60,7 +60,7 @@ class Region:
         """The same region in the coordinates of a larger region that contains it."""
         return Region(self.top - outer.top, self.left - outer.left, self.bottom - outer.top, self.right - outer.left)
 
-    def cut(self, image: Tensor, scale: int = 1) -> Tensor:
+    def crop(self, image: Tensor, scale: int = 1) -> Tensor:
         """Crop an image (..., scale height, scale width) to the region."""
         rows, columns = (slice(scale * a, scale * b) for a, b in ((self.top, self.bottom), (self.left, self.right)))
         return image[..., rows, columns]
@@ -136,7 +136,7 @@ class Camera(Movable):
         """Unit viewing direction in the world."""
         return self.rotation[2]
 
-    def cut(self, region: "Region") -> "Camera":
+    def crop(self, region: "Region") -> "Camera":
         """The camera of a region of the image: the principal point is shifted by the region's corner."""
         K = self.K.clone()
         K[0, 2] -= region.left
@@ -307,9 +307,9 @@ def orthonormal_pose(world_to_camera: Float[Tensor, "4 4"], where: object) -> Fl
     if not bool(torch.isfinite(world_to_camera).all()):
         raise InputError(where, "has a pose with NaN or infinity", "remove the photo or calibrate again")
     largest = float(world_to_camera.abs().max())
-    if largest > FARTHEST:
+    if largest > MAX_POSE_VALUE:
         received = f"has a pose with the value {largest:g}"
-        raise InputError(where, received, f"bring the scene near the origin: at most {FARTHEST:g} units away")
+        raise InputError(where, received, f"bring the scene near the origin: at most {MAX_POSE_VALUE:g} units away")
     U, scales, Vh = torch.linalg.svd(world_to_camera[:3, :3])
     if float((scales - 1).abs().max()) > 0.01 or float(torch.linalg.det(U @ Vh)) < 0:
         received = f"has a pose whose 3x3 part has scales {[round(s, 4) for s in scales.tolist()]} or is mirrored"

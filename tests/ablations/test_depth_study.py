@@ -20,8 +20,8 @@ from ablations.scripts.depth import (
 )
 from ablations.study.row_table import read_layout, row_table
 from ablations.study.rows import frame_of
-from gaussian_enhancer.align.alignment import Aligned, Unwarped
-from gaussian_enhancer.align.references import Pool, ReferenceConfig, read_target
+from gaussian_enhancer.align.alignment import AlignedReferences, Unwarped
+from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.metrics.records import Record
@@ -69,7 +69,7 @@ def test_stored_depth_given_again_changes_nothing(plane_run):
     default = "surface, smoothed, searched by photos too"
     assert kinds.keys() == {"surface", "surface, searched", "surface, smoothed, searched", default}
     assert isinstance(kinds["surface"].warp, Through)
-    view, pool = rendered.targets[0], Pool(rendered.references)
+    view, pool = rendered.targets[0], ReferencePool(rendered.references)
     given, usual = (p.align(read_target(view), view, pool) for p in (kinds[default], ReferenceConfig()))
     assert given.names == usual.names
     assert torch.equal(given.references, usual.references)
@@ -79,7 +79,7 @@ def test_residuals_are_handed_on_as_stated():
     render = torch.full((3, 16, 16), 0.5)
     seen = torch.ones(2, 1, 16, 16)
     renders = render.expand(2, 3, 16, 16).clone()
-    aligned = Aligned(renders + torch.tensor([0.1, 0.2])[:, None, None, None], seen, ("a", "b"), renders)
+    aligned = AlignedReferences(renders + torch.tensor([0.1, 0.2])[:, None, None, None], seen, ("a", "b"), renders)
     torch.testing.assert_close(propagated(render, aligned), render + 0.3 / 2.5)
     off = dataclasses.replace(aligned, renders=renders + 0.02, references=aligned.references + 0.02)
     weight = torch.exp(torch.tensor(-1.0))
@@ -95,11 +95,11 @@ def test_reference_is_judged_where_it_is_visible():
     seen = torch.zeros(1, 1, 8, 8)
     seen[..., :4] = 1
     shown = torch.where(seen[0] > 0, photo + 0.1, torch.zeros(()))[None]
-    found = reference_quality(Aligned(shown, seen, ("a",)), photo + 0.01, photo)
+    found = reference_quality(AlignedReferences(shown, seen, ("a",)), photo + 0.01, photo)
     assert found["reference_psnr"] == pytest.approx(20, abs=1e-4)
     assert found["render_psnr_there"] == pytest.approx(40, abs=1e-3)
     assert found["reference_visible"] == 0.5
-    nothing = reference_quality(Aligned(shown, torch.zeros_like(seen), ("a",)), photo, photo)
+    nothing = reference_quality(AlignedReferences(shown, torch.zeros_like(seen), ("a",)), photo, photo)
     assert nothing == {"reference_psnr": None, "render_psnr_there": None, "reference_visible": 0.0}
 
 

@@ -8,7 +8,7 @@ import torch
 
 from ablations.scripts.leave_one_out import measured, run
 from ablations.study.rows import RowFile
-from gaussian_enhancer.align.references import Pool, ReferenceConfig
+from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.network.network import Network
@@ -36,12 +36,12 @@ def test_the_best_share_of_a_change_that_goes_too_far_is_below_one(plane_run):
     for step, share in ((0.02, 1.0), (0.08, 0.25)):
         enhancer = SetEnhancer(Adds(step * checks), ReferenceConfig(), precision="float32", colour_clamping=0)
         enhancer.colour_completion = False
-        found = measured(view, Pool(rendered.references), enhancer)
+        found = measured(view, ReferencePool(rendered.references), enhancer)
         assert found["best_share"] == pytest.approx(share, abs=0.03)
         assert (found["gain"] > 0) is (share > 0.5)
     blind = dataclasses.replace(view, read_photo=None)
     with pytest.raises(InputError, match="has no photo"):
-        measured(blind, Pool(rendered.references), enhancer)
+        measured(blind, ReferencePool(rendered.references), enhancer)
 
 
 def test_both_sides_of_a_fit_have_rows_and_a_page(plane_run, tmp_path, capsys):

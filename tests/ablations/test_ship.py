@@ -17,7 +17,7 @@ TEXTS = ["name=new", "helps=much", "harms=little"]
 def test_a_cascade_is_shipped_with_the_first_network_that_is_named(tmp_path, monkeypatch, job, capsys):
     shipped = tmp_path / "shipped"
     shipped.mkdir()
-    monkeypatch.setattr(ship, "SHIPPED", shipped)
+    monkeypatch.setattr(ship, "SHIPPED_FOLDER", shipped)
     torch.manual_seed(0)
     first, second = SSIFLR(widths=(16, 8, 8), blocks=(1, 1, 1)), SSIFSR(**SMALL)
     for name, network in (("lr", first), ("sr", second), ("both", Cascade(SSIFLR(**SMALL), second))):
@@ -43,7 +43,7 @@ def test_a_cascade_is_shipped_with_the_first_network_that_is_named(tmp_path, mon
 def test_other_numbers_of_references_and_candidates_are_shipped_with_the_weights(tmp_path, monkeypatch, job):
     shipped = tmp_path / "shipped"
     shipped.mkdir()
-    monkeypatch.setattr(ship, "SHIPPED", shipped)
+    monkeypatch.setattr(ship, "SHIPPED_FOLDER", shipped)
     save_weights(
         tmp_path / "lr.safetensors", SSIFLR(**SMALL), ReferenceConfig(references=3, candidates=5), {"steps": 3}
     )

@@ -4,21 +4,21 @@ from functools import partial
 import pytest
 import torch
 
-from gaussian_enhancer.align.alignment import Pixels, Reprojected, Unwarped, _write_fine_rows
+from gaussian_enhancer.align.alignment import LoadedView, Reprojected, Unwarped, _write_fine_rows
 from gaussian_enhancer.align.reproject import Warped
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import identity_camera
 from support.synthetic_runs import plane_camera, plane_view
 
 
-def pixels(index: int, gain: float = 1.0, size: tuple[int, int] = (48, 64), cells: int = 24) -> Pixels:
+def pixels(index: int, gain: float = 1.0, size: tuple[int, int] = (48, 64), cells: int = 24) -> LoadedView:
     generator = torch.Generator().manual_seed(0)
     texture = torch.nn.functional.interpolate(
         torch.rand(1, 3, cells, cells, generator=generator), size=192, mode="bicubic"
     )[0]
     camera = plane_camera(index, *size)
     photo, depth = plane_view(camera, texture.clamp(0, 1))
-    return Pixels(f"{index}.png", (photo * gain).clamp(0, 1), camera, depth, torch.ones_like(depth))
+    return LoadedView(f"{index}.png", (photo * gain).clamp(0, 1), camera, depth, torch.ones_like(depth))
 
 
 def test_reprojected_references_show_what_the_target_shows():
@@ -104,10 +104,10 @@ def test_fine_references_change_nothing_else_and_are_absent_unless_asked_for():
 def test_what_does_not_look_like_the_render_is_no_reference_there():
     image = torch.rand(3, 40, 60, generator=torch.Generator().manual_seed(0)) * 0.4
     camera = identity_camera(40, 60, 50.0)
-    target = Pixels("t", image, camera, torch.full((1, 40, 60), 2.0))
+    target = LoadedView("t", image, camera, torch.full((1, 40, 60), 2.0))
     mirror = image.clone()
     mirror[:, 10:30, 20:40] = 1.0
-    reference = Pixels("r", mirror, camera, torch.full((1, 40, 60), 2.0), render=image)
+    reference = LoadedView("r", mirror, camera, torch.full((1, 40, 60), 2.0), render=image)
     settings = {"depth": "exact", "match_colour": False}
     unchecked = Reprojected(**settings, photo_consistency=None)(target, [reference], 1)
     checked = Reprojected(**settings)(target, [reference], 1)

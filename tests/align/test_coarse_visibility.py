@@ -2,17 +2,17 @@
 
 import torch
 
-from gaussian_enhancer.align.alignment import Pixels, Reprojected
+from gaussian_enhancer.align.alignment import LoadedView, Reprojected
 from gaussian_enhancer.align.coarse_visibility import coarse_visibility, coarsen, visible_shares
 from support.synthetic_runs import plane_camera, plane_view
 
 TEXTURE = torch.rand(3, 192, 192, generator=torch.Generator().manual_seed(0))
 
 
-def view(index: int, size: tuple[int, int] = (192, 256)) -> Pixels:
+def view(index: int, size: tuple[int, int] = (192, 256)) -> LoadedView:
     camera = plane_camera(index, *size)
     photo, depth = plane_view(camera, TEXTURE)
-    return Pixels(f"{index}.png", photo, camera, depth, torch.ones_like(depth), photo, lambda: (255 * photo).byte())
+    return LoadedView(f"{index}.png", photo, camera, depth, torch.ones_like(depth), photo, lambda: (255 * photo).byte())
 
 
 def test_a_coarse_view_is_the_same_view_with_few_pixels():
@@ -42,7 +42,7 @@ def test_what_is_not_there_cannot_be_missed():
     target, other = view(0), view(1)
     half = torch.ones(1, 192, 256)
     half[..., :128] = 0
-    masked = coarsen(Pixels("0.png", target.image, target.camera, target.depth, half))
+    masked = coarsen(LoadedView("0.png", target.image, target.camera, target.depth, half))
     seen = coarse_visibility(Reprojected(), masked, [coarsen(other)])
     assert visible_shares(seen, masked.alpha)["1.png"] > 0.9
     assert visible_shares(seen, None)["1.png"] < 0.51

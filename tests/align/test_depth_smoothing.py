@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from gaussian_enhancer.align.depth_search import refine_depth
-from gaussian_enhancer.align.depth_smoothing import REACH, fit_planes_torch, smooth_depth
+from gaussian_enhancer.align.depth_smoothing import WINDOW_RADIUS, fit_planes_torch, smooth_depth
 from gaussian_enhancer.types import identity_camera
 
 
@@ -71,7 +71,7 @@ def test_a_pixel_on_its_own_keeps_its_depth():
     spike = torch.full((1, 9, 9), 1.0, dtype=torch.float64)
     spike[0, 4, 4] = 30.0
     change = fit_planes_torch(
-        torch.nn.functional.pad(spike[None], (REACH,) * 4, mode="replicate")[0], torch.ones(3, 13, 13), 1
+        torch.nn.functional.pad(spike[None], (WINDOW_RADIUS,) * 4, mode="replicate")[0], torch.ones(3, 13, 13), 1
     )
     assert change[0, 4, 4].abs() < 1e-3
 

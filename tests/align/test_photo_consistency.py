@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from gaussian_enhancer.align.photo_consistency import photometric_difference, rank, reference_weight
+from gaussian_enhancer.align.photo_consistency import photometric_difference, rank_references, reference_weight
 from gaussian_enhancer.align.reproject import Warped
 
 
@@ -15,9 +15,9 @@ def test_ranking_prefers_what_agrees_and_what_is_new():
     wrong, everywhere, good_left, good_right = (
         reference_weight(one, photometric_difference(one, image)) for one in (wrong, everywhere, good_left, good_right)
     )
-    assert rank([wrong, good_right, good_left], keep=2) == [2, 1]
-    assert rank([everywhere, good_left, good_left, good_right], keep=2) == [1, 3]
-    assert rank([], keep=2) == []
+    assert rank_references([wrong, good_right, good_left], keep=2) == [2, 1]
+    assert rank_references([everywhere, good_left, good_left, good_right], keep=2) == [1, 3]
+    assert rank_references([], keep=2) == []
 
 
 @pytest.mark.parametrize("size", [(1, 1), (5, 40), (48, 64)])

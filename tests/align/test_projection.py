@@ -6,8 +6,15 @@ import pytest
 import torch
 
 from gaussian_enhancer.align import projection
-from gaussian_enhancer.align.alignment import Pixels, Reprojected
-from gaussian_enhancer.align.projection import Landing, ReferenceProjection, depth_consistency, land, read_at, read_both
+from gaussian_enhancer.align.alignment import LoadedView, Reprojected
+from gaussian_enhancer.align.projection import (
+    ProjectedPixels,
+    ReferenceProjection,
+    depth_consistency,
+    project_pixels,
+    sample_projected,
+    sample_projected_pair,
+)
 from gaussian_enhancer.align.reproject import _median_footprint, reproject
 from gaussian_enhancer.types import Camera
 from support.textured_plane import REFERENCE, TARGET, plane, turned
@@ -29,7 +36,10 @@ def maps(dtype: torch.dtype, camera: Camera) -> tuple[ReferenceProjection, torch
 
 @pytest.mark.parametrize("name", CAMERAS)
 def test_landing_agrees(name, monkeypatch):
-    found, truth = land(*maps(torch.float32, CAMERAS[name])), land(*maps(torch.float64, CAMERAS[name]))
+    found, truth = (
+        project_pixels(*maps(torch.float32, CAMERAS[name])),
+        project_pixels(*maps(torch.float64, CAMERAS[name])),
+    )
     assert torch.equal(found.inside.double(), truth.inside)
     assert (name == "behind") == (truth.inside.sum() == 0)
     shown = truth.inside > 0
@@ -58,44 +68,44 @@ def test_reading_agrees(channels):
     image = torch.rand(channels, 31, 45, dtype=torch.float64)
     read = []
     for dtype in (torch.float32, torch.float64):
-        landing = land(*maps(dtype, SMALL))
+        landing = project_pixels(*maps(dtype, SMALL))
         where = landing.inside * (landing.x > 20)
-        read.append(read_at(image.to(dtype), landing, (SMALL.height, SMALL.width), where))
+        read.append(sample_projected(image.to(dtype), landing, (SMALL.height, SMALL.width), where))
     torch.testing.assert_close(read[0].double(), read[1], rtol=0, atol=1e-4)
     assert 0.1 < (read[1][0] == 0).double().mean() < 0.9
 
 
 def test_eight_bits_are_read_as_numbers():
     image = (torch.rand(3, 31, 45) * 255).byte()
-    landing = land(*maps(torch.float32, SMALL))
+    landing = project_pixels(*maps(torch.float32, SMALL))
     how = landing, (SMALL.height, SMALL.width), landing.inside
-    torch.testing.assert_close(read_at(image, *how), read_at(image.float(), *how), rtol=0, atol=1e-3)
-    double = Landing(landing.x.double(), landing.y.double(), landing.inside.double())
-    twin = read_at(image, double, how[1], double.inside)
-    torch.testing.assert_close(read_at(image, *how).double(), twin, rtol=0, atol=0.05)
+    torch.testing.assert_close(sample_projected(image, *how), sample_projected(image.float(), *how), rtol=0, atol=1e-3)
+    double = ProjectedPixels(landing.x.double(), landing.y.double(), landing.inside.double())
+    twin = sample_projected(image, double, how[1], double.inside)
+    torch.testing.assert_close(sample_projected(image, *how).double(), twin, rtol=0, atol=0.05)
     with pytest.raises(ValueError, match="bilinearly"):
-        read_at(image, *how, "bicubic")
+        sample_projected(image, *how, "bicubic")
 
 
 @pytest.mark.parametrize("sides", [(31, 45), (16, 20)])
 def test_two_images_are_read_as_each_is_alone(sides):
     image, other = torch.rand(3, 31, 45), torch.rand(3, *sides)
-    landing = land(*maps(torch.float32, SMALL))
+    landing = project_pixels(*maps(torch.float32, SMALL))
     where = landing.inside * (landing.x > 20)
     for interpolation in ("bilinear", "bicubic"):
         how = landing, (SMALL.height, SMALL.width), where, interpolation
-        for found, one in zip(read_both(image, other, *how), (image, other), strict=True):
-            torch.testing.assert_close(found, read_at(one, *how), rtol=0, atol=1e-6)
-            torch.testing.assert_close(found.double(), read_at(one.double(), *how).double(), rtol=0, atol=1e-4)
+        for found, one in zip(sample_projected_pair(image, other, *how), (image, other), strict=True):
+            torch.testing.assert_close(found, sample_projected(one, *how), rtol=0, atol=1e-6)
+            torch.testing.assert_close(found.double(), sample_projected(one.double(), *how).double(), rtol=0, atol=1e-4)
 
 
 def test_the_border_is_continued():
     image = torch.arange(6.0).reshape(1, 2, 3)
     x, y = torch.tensor([[[-4.0, 0.0, 3.0, 9.0]]]), torch.tensor([[[0.2, 2.0, 2.0, 5.0]]])
-    landing = Landing(x, y, torch.ones_like(x))
-    read = read_at(image, landing, (2, 3), torch.ones_like(x))
+    landing = ProjectedPixels(x, y, torch.ones_like(x))
+    read = sample_projected(image, landing, (2, 3), torch.ones_like(x))
     torch.testing.assert_close(read[0, 0], torch.tensor([0.0, 3.0, 5.0, 5.0]))
-    torch.testing.assert_close(read_at(image.double(), landing, (2, 3), torch.ones_like(x)).float(), read)
+    torch.testing.assert_close(sample_projected(image.double(), landing, (2, 3), torch.ones_like(x)).float(), read)
 
 
 def test_gradients_reach_the_photo_and_the_depth():
@@ -113,13 +123,13 @@ def test_the_footprint_of_large_views_is_sampled():
     """Some 65,000 pixels tell as much as all: the photo is read at three of its pixels a step."""
     sides = 700, 900
     x, y = torch.arange(sides[1], dtype=torch.float32) * 3, torch.arange(sides[0], dtype=torch.float32)[:, None] * 3
-    landing = Landing(x.expand(1, *sides), y.expand(1, *sides).contiguous(), torch.ones(1, *sides))
+    landing = ProjectedPixels(x.expand(1, *sides), y.expand(1, *sides).contiguous(), torch.ones(1, *sides))
     assert _median_footprint(landing) == pytest.approx(3)
 
 
-def view(camera: Camera, distance: float) -> Pixels:
+def view(camera: Camera, distance: float) -> LoadedView:
     image, depth = (part.float() for part in plane(camera, distance))
-    return Pixels("view", image, camera, depth, torch.ones_like(depth), image)
+    return LoadedView("view", image, camera, depth, torch.ones_like(depth), image)
 
 
 @pytest.mark.cuda

@@ -6,7 +6,7 @@ import torch
 
 from gaussian_enhancer.align import depth_search as depth_search
 from gaussian_enhancer.align.depth_search import Search, Source, refine_depth
-from gaussian_enhancer.align.projection import ReferenceProjection, land
+from gaussian_enhancer.align.projection import ReferenceProjection, project_pixels
 from gaussian_enhancer.align.reproject import fill_depth, reproject
 from gaussian_enhancer.types import identity_camera
 from support.textured_plane import REFERENCE, TARGET, plane, turned
@@ -94,11 +94,11 @@ def test_compiled_search_equals_its_readable_twin(how, views):
         rendered = plane(camera, 3.0)[0].float()
         photo = rendered * 0.9 + 0.05 * torch.rand(rendered.shape, generator=torch.Generator().manual_seed(1))
         seen.append(depth_search._prepare_source(TARGET, z, image, Source(camera, photo, rendered), how))
-    compiled, plain = (f(z, image, seen, how) for f in (depth_search._search_compiled, depth_search.search))
+    compiled, plain = (f(z, image, seen, how) for f in (depth_search._search_compiled, depth_search.search_torch))
     assert (compiled - plain).abs().median() < 1e-5
     assert ((compiled - plain).abs() > 1e-3).float().mean() < 0.01
     assert compiled.abs().max() > 0.2
-    exact = depth_search.search(z.double(), image.double(), [_double(one) for one in seen], how)
+    exact = depth_search.search_torch(z.double(), image.double(), [_double(one) for one in seen], how)
     assert (plain - exact).abs().median() < 1e-5
 
 
@@ -144,7 +144,7 @@ def test_a_change_is_linear_between_samples(side):
 def test_every_second_pixel_lands_where_it_did():
     projection = ReferenceProjection.between(TARGET, REFERENCE, torch.zeros(1, dtype=torch.float64))
     depth = torch.rand(1, 33, 47, generator=torch.Generator().manual_seed(0), dtype=torch.float64) + 2
-    every, second = land(projection, depth), land(projection.with_stride(2), depth[..., ::2, ::2])
+    every, second = project_pixels(projection, depth), project_pixels(projection.with_stride(2), depth[..., ::2, ::2])
     torch.testing.assert_close(second.x, every.x[..., ::2, ::2])
     torch.testing.assert_close(second.y, every.y[..., ::2, ::2])
 

@@ -109,7 +109,7 @@ MISTAKES = {
 @pytest.mark.parametrize("word", MISTAKES)
 def test_a_mistake_is_one_line_in_a_run_and_in_a_sweep(toy_job, capsys, monkeypatch, word, sweep):
     class Toy(options.Options):
-        path: options.Place | None
+        path: options.PathText | None
 
     monkeypatch.setattr(options, "OPTIONS", {"toy": Toy})
     with pytest.raises(SystemExit) as stop:

@@ -6,7 +6,7 @@ from test_sif import small, trained, views
 from test_ssif_lr import trained as trained_scales
 
 from gaussian_enhancer.align.alignment import Reprojected, Unwarped
-from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
+from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool, build_network_input, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.colour_completion import complete_change
 from gaussian_enhancer.infer.enhancer import SetEnhancer, choose_precision
@@ -62,9 +62,9 @@ def test_strength_scales_the_change(plane_run):
 
 def test_colours_stay_within_what_is_shown_where_references_are_warped(plane_run):
     rendered, network = read_run(plane_run), trained()
-    (view, *_), pool = rendered.targets, Pool(rendered.references)
+    (view, *_), pool = rendered.targets, ReferencePool(rendered.references)
     target = read_target(view)
-    seen = join(target, ReferenceConfig().align(target, view, pool))
+    seen = build_network_input(target, ReferenceConfig().align(target, view, pool))
 
     def enhanced(clamping: int, completion: bool, strength: float = 1.0) -> torch.Tensor:
         options = {"precision": "float32", "colour_clamping": clamping, "colour_completion": completion}
@@ -77,7 +77,7 @@ def test_colours_stay_within_what_is_shown_where_references_are_warped(plane_run
     assert torch.allclose(enhanced(3, True, 0.5), (0.5 * (seen.render + completed)).clamp(0, 1), atol=1e-6)
     assert not torch.equal(near, free)
     unwarped = ReferenceConfig(Unwarped())
-    beside = join(target, unwarped.align(target, view, pool))
+    beside = build_network_input(target, unwarped.align(target, view, pool))
     free, near = (
         SetEnhancer(network, unwarped, precision="float32", colour_clamping=n).enhance(beside) for n in (0, 3)
     )
@@ -204,8 +204,8 @@ def test_views_that_would_overflow_are_refused(field, value):
 @pytest.mark.parametrize("references", [0, 2])
 def test_a_view_in_which_no_photo_is_visible_passes_through(plane_run, references):
     view = read_run(plane_run).targets[0]
-    pool, target = Pool(read_run(plane_run).references), read_target(view)
-    seen = join(target, ReferenceConfig(references=references, candidates=2).align(target, view, pool))
+    pool, target = ReferencePool(read_run(plane_run).references), read_target(view)
+    seen = build_network_input(target, ReferenceConfig(references=references, candidates=2).align(target, view, pool))
     blind = dataclasses.replace(seen, visibility=0 * seen.visibility)
     guess, kept = (
         SetEnhancer(trained(), ReferenceConfig(), precision="float32", pass_through=passing)
@@ -266,7 +266,7 @@ def test_a_users_wish_for_no_reference_is_not_taken_for_a_lack_of_them():
 def test_coverage_is_what_the_references_show(plane_run):
     rendered = read_run(plane_run)
     view = rendered.targets[0]
-    pool = Pool(rendered.references)
+    pool = ReferencePool(rendered.references)
     aligned = ReferenceConfig().align(read_target(view), view, pool)
     one = next(SetEnhancer(small(), ReferenceConfig(), keeps_coverage=True)(rendered, None, pool))
     assert one.coverage is not None

@@ -3,8 +3,8 @@ import itertools
 
 import torch
 
-from gaussian_enhancer.align.alignment import Pixels
-from gaussian_enhancer.align.references import Pool, ReferenceConfig
+from gaussian_enhancer.align.alignment import LoadedView
+from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool
 from gaussian_enhancer.infer.path_references import PathReferences
 from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.types import Camera, identity_camera
@@ -16,7 +16,7 @@ def at(x: float) -> Camera:
     return dataclasses.replace(identity_camera(12, 16, 16.0), world_to_camera=pose)
 
 
-POOL = Pool([RenderedView(f"{index}.png", None, at(float(index))) for index in range(8)])
+POOL = ReferencePool([RenderedView(f"{index}.png", None, at(float(index))) for index in range(8)])
 
 
 def chosen(config: ReferenceConfig, places: list[float]) -> list[tuple[int, ...]]:
@@ -24,7 +24,7 @@ def chosen(config: ReferenceConfig, places: list[float]) -> list[tuple[int, ...]
     found = []
     for number, x in enumerate(places):
         view = RenderedView(f"frame {number}", None, at(x))
-        found.append(config.nearest(Pixels(view.name, torch.zeros(3, 12, 16), view.camera), view, POOL))
+        found.append(config.nearest_candidates(LoadedView(view.name, torch.zeros(3, 12, 16), view.camera), view, POOL))
     return found
 
 

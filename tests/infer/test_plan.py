@@ -36,9 +36,9 @@ def test_the_file_holds_the_whole_plan(tmp_path):
 
 
 def test_shares_of_what_passes_through():
-    assert [view.passed for view in PLAN.views] == [0.5, 0.0, 1.0]
-    assert PLAN.passed == pytest.approx((0.5 * 20000 + 10000) / 50000)
-    assert Plan("bare").passed == 0
+    assert [view.passed_share for view in PLAN.views] == [0.5, 0.0, 1.0]
+    assert PLAN.passed_share == pytest.approx((0.5 * 20000 + 10000) / 50000)
+    assert Plan("bare").passed_share == 0
 
 
 def test_the_table_says_what_is_used_what_is_not_and_why():

@@ -63,13 +63,13 @@ def test_background_is_passed_through_bit_for_bit_and_the_rest_is_enhanced():
     rendered, network = things(), trained()
     plan, planner = planned(rendered)
     assert plan.regions is not None
-    assert 0.5 < plan.passed < 0.9
+    assert 0.5 < plan.passed_share < 0.9
     enhancer = SetEnhancer(network, ReferenceConfig(), precision="float32")
     (part,), (full,) = list(enhancer(rendered, planner)), list(enhancer(rendered))
     render = rendered.targets[0].read()  # type: ignore[misc]
     inside = torch.zeros(SIZE, dtype=torch.bool)
     for region in plan.regions:
-        region.cut(inside).fill_(True)
+        region.crop(inside).fill_(True)
     assert torch.equal(part.image[:, ~inside], render[:, ~inside])
     assert not torch.equal(full.image[:, ~inside], render[:, ~inside])
     change = (full.image - render)[:, inside].abs().mean()
@@ -109,7 +109,7 @@ def test_an_image_without_background_is_enhanced_whole():
     nothing = dataclasses.replace(thing(0), read=lambda: torch.ones(3, *SIZE))
     empty = RenderedSet("white", (nothing,), (), (1.0, 1.0, 1.0))
     plan, planner = planned(empty, reference_config=ReferenceConfig(references=0))
-    assert (plan.regions, plan.passed) == ((), 1.0)
+    assert (plan.regions, plan.passed_share) == ((), 1.0)
     (one,) = SetEnhancer(trained(), ReferenceConfig(references=0))(empty, planner)
     assert torch.equal(one.image, torch.ones(3, *SIZE))
 

@@ -7,7 +7,7 @@ import pytest
 from gaussian_enhancer.align.references import ReferenceConfig, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.plan import Rules
-from gaussian_enhancer.infer.preload import file_reads
+from gaussian_enhancer.infer.preload import validation_reads
 from gaussian_enhancer.infer.validated_inputs import ValidatedInputs, validate_inputs
 from gaussian_enhancer.scene.renders import read_run
 from support.synthetic_runs import write_plane_run
@@ -24,7 +24,7 @@ def truncate(image: Path) -> None:
 def read_all(folder: Path, rules: Rules = AUTO, *, keep_photos: bool = False) -> ValidatedInputs:
     found = validate_inputs(read_run(folder), PREPARATION, rules)
     planner = found.planner(rules)
-    for read in file_reads(found, keep_photos, planner, False):
+    for read in validation_reads(found, keep_photos, planner, False):
         read()
     return found
 
@@ -38,7 +38,7 @@ def folder(tmp_path: Path) -> Path:
 def needed(folder: Path) -> set[str]:
     """Names of the references that come into question for any target."""
     found = validate_inputs(read_run(folder), PREPARATION, Rules())
-    each = (PREPARATION.nearest(read_target(view), view, found.pool) for view in found.rendered.targets)
+    each = (PREPARATION.nearest_candidates(read_target(view), view, found.pool) for view in found.rendered.targets)
     return {found.pool.views[index].name for indices in each for index in indices}
 
 

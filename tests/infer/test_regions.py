@@ -7,7 +7,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaussian_enhancer.align.alignment import Pixels, Reprojected
+from gaussian_enhancer.align.alignment import LoadedView, Reprojected
 from gaussian_enhancer.infer.regions import BLOCK, background_blocks, cover_with_regions, cut_pixels
 from gaussian_enhancer.types import Region
 from support.synthetic_runs import plane_camera, plane_view
@@ -37,7 +37,7 @@ def test_regions_hold_every_needed_pixel_once_and_cost_no_more_than_one_rectangl
     height, width = 6 * BLOCK - 5, 7 * BLOCK - 9
     times = torch.zeros(height, width)
     for region in cover_with_regions(needed, height, width, margin):
-        region.cut(times).add_(1)
+        region.crop(times).add_(1)
     wanted = needed.repeat_interleave(BLOCK, 0).repeat_interleave(BLOCK, 1)[:height, :width]
     assert (times[wanted] == 1).all()
     assert times.max() <= 1
@@ -59,7 +59,7 @@ def test_far_apart_things_get_regions_of_their_own_and_near_ones_share():
 
 def test_a_cut_camera_sees_what_the_whole_one_sees_there():
     camera, region = plane_camera(2, 48, 64), Region(8, 16, 40, 64)
-    cut = camera.cut(region)
+    cut = camera.crop(region)
     point = torch.tensor([0.3, -0.2, 4.0])
     whole, part = (one.K @ (one.rotation @ point + one.world_to_camera[:3, 3]) for one in (camera, cut))
     torch.testing.assert_close(whole[:2] / whole[2] - torch.tensor([16.0, 8.0]), part[:2] / part[2])
@@ -74,12 +74,12 @@ def test_references_reach_a_cut_view_as_they_reach_the_whole(region):
     for index in range(3):
         camera = plane_camera(index, 48, 64)
         photo, depth = plane_view(camera, texture)
-        views.append(Pixels(f"{index}.png", photo, camera, depth, torch.ones_like(depth), render=photo))
+        views.append(LoadedView(f"{index}.png", photo, camera, depth, torch.ones_like(depth), render=photo))
     warp = Reprojected(depth="exact", photo_consistency=None)
     whole = warp(views[0], views[1:], 2)
     part = warp(cut_pixels(views[0], region), views[1:], 2)
     order = [whole.names.index(name) for name in part.names]
-    torch.testing.assert_close(part.references, region.cut(whole.references)[order], atol=2e-4, rtol=0)
-    torch.testing.assert_close(part.visibility, region.cut(whole.visibility)[order], atol=2e-4, rtol=0)
+    torch.testing.assert_close(part.references, region.crop(whole.references)[order], atol=2e-4, rtol=0)
+    torch.testing.assert_close(part.visibility, region.crop(whole.visibility)[order], atol=2e-4, rtol=0)
     bare = cut_pixels(replace(views[0], camera=None, depth=None, alpha=None), region)
     assert (bare.camera, bare.depth, bare.alpha) == (None, None, None)

@@ -6,7 +6,7 @@ import pytest
 import torch
 from test_sif import small
 
-from gaussian_enhancer.align.alignment import Pixels
+from gaussian_enhancer.align.alignment import LoadedView
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
@@ -16,10 +16,10 @@ from gaussian_enhancer.scene.renders import read_run
 from support.synthetic_runs import plane_camera, plane_view
 
 
-def frame(index: int) -> Pixels:
+def frame(index: int) -> LoadedView:
     camera = plane_camera(index, 48, 64)
     image, depth = plane_view(camera, torch.rand(3, 40, 40, generator=torch.Generator().manual_seed(0)))
-    return Pixels(f"{index}.png", 0.25 + image / 2, camera, depth, torch.ones_like(depth))
+    return LoadedView(f"{index}.png", 0.25 + image / 2, camera, depth, torch.ones_like(depth))
 
 
 def test_a_standing_camera_averages_the_changes():

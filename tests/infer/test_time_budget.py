@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from gaussian_enhancer.cli import enhance
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer import time_budget as budget
-from gaussian_enhancer.infer.presets import Preset, choose, read_presets, write_presets
+from gaussian_enhancer.infer.presets import Preset, choose_preset, read_presets, write_presets
 from support import paths
 
 CONF = paths.CONF
@@ -27,18 +27,18 @@ def test_the_choice_keeps_within_the_budget_and_nothing_better_would(limit, mega
     fitting = [one for one in OFFERS if one.milliseconds <= limit / (megapixels * speed)]
     if not fitting:
         with pytest.raises(InputError, match="the fastest setting, lr_tiny/0 references"):
-            choose(OFFERS, limit, megapixels, speed)
+            choose_preset(OFFERS, limit, megapixels, speed)
         return
-    chosen, told = choose(OFFERS, limit, megapixels, speed)
+    chosen, told = choose_preset(OFFERS, limit, megapixels, speed)
     assert chosen is fitting[-1]
     assert chosen.name in told
     assert chosen.machine in told
 
 
 def test_a_machine_half_as_fast_affords_half_as_much() -> None:
-    assert choose(OFFERS, 4000.0, 1.0, 1.0)[0] is GOOD
-    assert choose(OFFERS, 4000.0, 1.0, 2.0)[0] is FAST
-    assert choose(OFFERS, 4000.0, 0.25, 1.0)[0] is BEST
+    assert choose_preset(OFFERS, 4000.0, 1.0, 1.0)[0] is GOOD
+    assert choose_preset(OFFERS, 4000.0, 1.0, 2.0)[0] is FAST
+    assert choose_preset(OFFERS, 4000.0, 0.25, 1.0)[0] is BEST
 
 
 def test_offers_on_disk_come_back_fastest_first(tmp_path) -> None:

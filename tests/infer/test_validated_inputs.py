@@ -8,10 +8,10 @@ import pytest
 import torch
 from test_planner import AUTO, TEXTURE, things
 
-from gaussian_enhancer.align.references import Pool, ReferenceConfig, read_target
+from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.plan import Rules
-from gaussian_enhancer.infer.validated_inputs import depth_doubt, validate_inputs
+from gaussian_enhancer.infer.validated_inputs import depth_mismatch_reason, validate_inputs
 from gaussian_enhancer.scene.depth_files import ReadDepth
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from support.synthetic_runs import plane_camera
@@ -40,9 +40,9 @@ def scene(change=lambda z: z) -> RenderedSet:
 
 
 def test_true_depth_is_not_doubted():
-    assert depth_doubt(Pool(scene().references), ReferenceConfig(), scene().targets) == ""
+    assert depth_mismatch_reason(ReferencePool(scene().references), ReferenceConfig(), scene().targets) == ""
     near = scene(lambda z: z * 1.02)
-    assert depth_doubt(Pool(near.references), ReferenceConfig(), near.targets) == ""
+    assert depth_mismatch_reason(ReferencePool(near.references), ReferenceConfig(), near.targets) == ""
 
 
 @pytest.mark.parametrize(
@@ -58,7 +58,7 @@ def test_true_depth_is_not_doubted():
 )
 def test_depth_of_another_scale_or_kind_is_found_out(change, words):
     wrong = scene(change)
-    assert re.search(words, depth_doubt(Pool(wrong.references), ReferenceConfig(), wrong.targets))
+    assert re.search(words, depth_mismatch_reason(ReferencePool(wrong.references), ReferenceConfig(), wrong.targets))
 
 
 def test_one_view_that_fits_is_enough_and_no_other_is_read():
@@ -66,7 +66,12 @@ def test_one_view_that_fits_is_enough_and_no_other_is_read():
         raise AssertionError("read")
 
     first, second = scene().targets
-    assert depth_doubt(Pool(scene().references), ReferenceConfig(), (first, replace(second, read=unread))) == ""
+    assert (
+        depth_mismatch_reason(
+            ReferencePool(scene().references), ReferenceConfig(), (first, replace(second, read=unread))
+        )
+        == ""
+    )
 
 
 def test_depth_files_are_doubted_unless_they_are_our_own(tmp_path):
@@ -107,7 +112,7 @@ def test_depth_is_not_judged_without_cameras(bare):
     wrong = scene(lambda z: z * 2)
     views = getattr(wrong, bare)
     unplaced = replace(wrong, **{bare: (replace(views[0], camera=None), *views[1:])})
-    assert depth_doubt(Pool(unplaced.references), ReferenceConfig(), unplaced.targets[:1]) == ""
+    assert depth_mismatch_reason(ReferencePool(unplaced.references), ReferenceConfig(), unplaced.targets[:1]) == ""
 
 
 def part(parts, name):

@@ -70,7 +70,7 @@ def test_the_backbone_is_found_in_a_file_a_folder_and_the_cache(
 def test_backbones_of_the_data_folder_are_found_and_what_nobody_asked_for_is_left_out(
     tmp_path: Path, squeeze: dict, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(lpips, "USUAL", ("lpips_vgg", "lpips_squeeze"))
+    monkeypatch.setattr(lpips, "DEFAULT_DISTANCES", ("lpips_vgg", "lpips_squeeze"))
     assert lpips.requested_distances(None) == []
     features = {key.removeprefix("features."): value for key, value in squeeze.items() if "features" in key}
     (tmp_path / "data/lpips").mkdir(parents=True)
@@ -105,8 +105,8 @@ def test_wrong_files_are_refused_by_name(tmp_path: Path, squeeze: dict) -> None:
 def test_images_below_the_smallest_size_are_told(tmp_path: Path, squeeze: dict) -> None:
     torch.save(squeeze, tmp_path / "small.pth")
     distance = perceptual_distance("lpips_squeeze", tmp_path / "small.pth")
-    assert "16x40 is smaller than the network's 17" in distance.reason_against(40, 16)
-    assert distance.reason_against(17, 17) == ""
+    assert "16x40 is smaller than the network's 17" in distance.size_reason(40, 16)
+    assert distance.size_reason(17, 17) == ""
     assert distance.between(torch.rand(3, 17, 17), torch.rand(3, 17, 17)) >= 0
 
 

@@ -7,13 +7,13 @@ from PIL import Image
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.report.figures import (
+    absolute_error,
     colour_map,
     contact_sheet,
     data_uri,
-    error,
     error_map,
     error_scale,
-    sampled,
+    sample_values,
     to_bytes,
 )
 
@@ -35,8 +35,8 @@ def test_the_colour_map_rises_evenly_in_lightness() -> None:
 def test_error_is_the_mean_absolute_difference() -> None:
     image = torch.zeros(3, 2, 2)
     photo = torch.tensor([0.3, 0.6, 0.0])[:, None, None].expand(3, 2, 2)
-    assert torch.allclose(error(image, photo), torch.full((2, 2), 0.3))
-    assert torch.equal(error(photo, photo), torch.zeros(2, 2))
+    assert torch.allclose(absolute_error(image, photo), torch.full((2, 2), 0.3))
+    assert torch.equal(absolute_error(photo, photo), torch.zeros(2, 2))
 
 
 def test_error_map_spans_the_colours_and_saturates() -> None:
@@ -50,10 +50,10 @@ def test_error_map_spans_the_colours_and_saturates() -> None:
 def test_the_scale_ignores_outliers_and_is_shared() -> None:
     quiet, loud = torch.full((100, 100), 0.05), torch.full((100, 100), 0.234)
     quiet[0, 0] = 1.0
-    assert error_scale([sampled(quiet)]) == pytest.approx(0.05)
-    assert error_scale([sampled(quiet), sampled(loud)]) == pytest.approx(0.24)
+    assert error_scale([sample_values(quiet)]) == pytest.approx(0.05)
+    assert error_scale([sample_values(quiet), sample_values(loud)]) == pytest.approx(0.24)
     assert error_scale([torch.zeros(4)]) == 0.02
-    assert len(sampled(loud, 100)) == 100
+    assert len(sample_values(loud, 100)) == 100
 
 
 def decoded(uri: str) -> Image.Image:

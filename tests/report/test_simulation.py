@@ -15,10 +15,10 @@ from gaussian_enhancer.report import simulation, simulation_parts
 from gaussian_enhancer.report.simulation import ImageRow, Section, sheet, write_page
 from gaussian_enhancer.report.simulation_parts import (
     STRENGTHS,
+    depth_colours,
     describe_artefacts,
     gate_section,
     generator_section,
-    shown_depth,
     shrink_view,
     type_sections,
 )
@@ -53,7 +53,7 @@ def test_a_row_starts_with_the_photo_and_moves_away_from_it() -> None:
         assert row.note, f"{row.name} does not say what it is"
     assert depths.file == "types_depth"
     for row in depths.rows:
-        assert torch.equal(row.images[0], shown_depth(photo.depth[0], photo.depth[0])), row.name
+        assert torch.equal(row.images[0], depth_colours(photo.depth[0], photo.depth[0])), row.name
 
 
 def test_a_row_keeps_its_draws(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -133,16 +133,16 @@ def test_reduced_depth_has_no_values_between() -> None:
 
 def test_depth_is_lighter_the_nearer_and_black_where_nothing_was_hit() -> None:
     depth = torch.tensor([[[1.0, 2.0, 4.0, 8.0, 0.0]]])
-    light = shown_depth(depth, depth).mean((0, 1))
+    light = depth_colours(depth, depth).mean((0, 1))
     assert (light.diff() < 0).all()
     assert light[-1] == 0
-    nearer = shown_depth(depth / 2, depth).mean((0, 1))
+    nearer = depth_colours(depth / 2, depth).mean((0, 1))
     assert (nearer[:4] > light[:4]).all()
 
 
 @pytest.mark.parametrize("depth", [torch.zeros(1, 3, 4), torch.full((1, 3, 4), 5.0), torch.full((1, 3, 4), 1e-12)])
 def test_depth_of_one_value_is_shown(depth: torch.Tensor) -> None:
-    shown = shown_depth(depth, depth)
+    shown = depth_colours(depth, depth)
     assert shown.isfinite().all()
     assert (shown == shown[:, :1, :1]).all()
 

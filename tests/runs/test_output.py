@@ -4,8 +4,8 @@ import numpy as np
 import torch
 from PIL import Image
 
-from gaussian_enhancer.infer.enhancer import Enhanced
-from gaussian_enhancer.runs.output import keep_sources, write_enhanced
+from gaussian_enhancer.infer.enhancer import EnhancedView
+from gaussian_enhancer.runs.output import write_enhanced, write_sources
 from gaussian_enhancer.scene.high_resolution import attach_fine_photos
 from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.scene.photos import read_photo
@@ -26,8 +26,8 @@ def test_super_resolution_keeps_the_size_of_the_photo(tmp_path):
     finer = attach_fine_photos(rendered, scene)
     assert finer.targets[0].read_fine_photo().shape == (3, 72, 112)  # what networks see
     image = torch.full((3, 72, 112), 0.25)
-    write_enhanced([Enhanced("a.png", image, 1.0, 1.0, ())], tmp_path / "out/enhanced", finer, 4)
-    keep_sources(finer, tmp_path / "out", 4)
+    write_enhanced([EnhancedView("a.png", image, 1.0, 1.0, ())], tmp_path / "out/enhanced", finer, 4)
+    write_sources(finer, tmp_path / "out", 4)
     for part in ("enhanced", "renders", "gt"):
         assert Image.open(tmp_path / "out" / part / "a.png").size == (WIDTH, HEIGHT), part
     np.testing.assert_array_equal(
@@ -39,5 +39,5 @@ def test_super_resolution_keeps_the_size_of_the_photo(tmp_path):
 def test_at_the_renders_own_resolution_nothing_is_resized(tmp_path):
     view = RenderedView("a.png", lambda: torch.full((3, SIZE[1], SIZE[0]), 0.5), fine_size=(HEIGHT, WIDTH))
     image = torch.full((3, SIZE[1], SIZE[0]), 0.25)
-    write_enhanced([Enhanced("a.png", image, 1.0, 1.0, ())], tmp_path, RenderedSet("set", (view,), ()), 1)
+    write_enhanced([EnhancedView("a.png", image, 1.0, 1.0, ())], tmp_path, RenderedSet("set", (view,), ()), 1)
     assert Image.open(tmp_path / "a.png").size == SIZE

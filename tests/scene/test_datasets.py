@@ -66,10 +66,10 @@ def test_shared_archive_is_the_same_in_both_datasets():
 
 def test_scenes_are_chosen_by_name():
     dataset = dataset_of(values("mip_nerf_360"))
-    assert list(dataset.chosen(("room", "garden"))) == ["garden", "room"]
-    assert len(dataset.chosen(None)) == 9
+    assert list(dataset.select_scenes(("room", "garden"))) == ["garden", "room"]
+    assert len(dataset.select_scenes(None)) == 9
     with pytest.raises(InputError, match=r"scenes: names 'rooom'; choose from bicycle, .*room"):
-        dataset.chosen(("rooom",))
+        dataset.select_scenes(("rooom",))
 
 
 @pytest.mark.parametrize(

@@ -10,11 +10,11 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene import fetch as module
 from gaussian_enhancer.scene import transfer
 from gaussian_enhancer.scene.datasets import Archive
-from gaussian_enhancer.scene.fetch import Patience, fetch
+from gaussian_enhancer.scene.fetch import RetrySettings, fetch
 from support.archive_server import serving, sha256
 
 CONTENT = np.random.default_rng(0).integers(0, 256, 300_000, dtype=np.uint8).tobytes()
-QUICK = Patience(retries=2, pause=0.001, timeout=60)
+QUICK = RetrySettings(retries=2, pause=0.001, timeout=60)
 
 
 def archive(url: str, **values: object) -> Archive:

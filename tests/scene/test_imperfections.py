@@ -6,7 +6,7 @@ import torch
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.procedural import procedural_scene
 from gaussian_enhancer.scene.procedural.imperfections import Imperfections
-from gaussian_enhancer.scene.procedural.source import _baked
+from gaussian_enhancer.scene.procedural.source import _bake_cached
 from gaussian_enhancer.scene.stored import scene_from_values
 
 SIZE = {"height": 48, "width": 64, "views": 12, "points": 0}
@@ -55,10 +55,13 @@ def test_stated_poses_are_off_by_pixels_and_photos_are_those_of_the_true_ones():
 
 
 def test_wind_moves_leaves_alone_and_each_photo_its_own_way():
-    world = _baked("object", SEED, "cpu")[0]
+    world = _bake_cached("object", SEED, "cpu")[0]
     assert world.mesh.cutout.any()
     generators = [torch.Generator().manual_seed(k) for k in (0, 1)]
-    moved = [Imperfections(wind=0.05).departure(one).of(world).mesh.corners - world.mesh.corners for one in generators]
+    moved = [
+        Imperfections(wind=0.05).draw_deviation(one).apply_to(world).mesh.corners - world.mesh.corners
+        for one in generators
+    ]
     for shift in moved:
         assert shift[~world.mesh.cutout].abs().max() == 0
         assert 0.005 < shift[world.mesh.cutout].abs().mean() < 0.1

@@ -9,7 +9,7 @@ from torch.nn import functional
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.procedural import FAMILIES, procedural_scene
-from gaussian_enhancer.scene.procedural.source import _baked
+from gaussian_enhancer.scene.procedural.source import _bake_cached
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.scene.splits import Split
 
@@ -89,7 +89,7 @@ def test_depth_agrees_between_views(scene: Scene) -> None:
 def test_points_lie_on_surfaces(scene: Scene) -> None:
     assert scene.points is not None
     assert scene.points.positions.shape == (500, 3)
-    world = _baked(*scene.name.split("_")[:1], int(scene.name.split("_")[1]), "cpu")[0]
+    world = _bake_cached(*scene.name.split("_")[:1], int(scene.name.split("_")[1]), "cpu")[0]
     corners = world.mesh.corners
     low, high = corners.amin((0, 1)), corners.amax((0, 1))
     assert ((scene.points.positions > low - 0.5) & (scene.points.positions < high + 0.5)).all()
@@ -127,7 +127,7 @@ def test_object_has_exact_coverage_over_white() -> None:
 def test_same_seed_same_scene_and_other_seed_another() -> None:
     first = procedural_scene("object", 3, **SIZE, points=200)
     image = first.photos[1].read()
-    _baked.cache_clear()
+    _bake_cached.cache_clear()
     again = procedural_scene("object", 3, **SIZE, points=200)
     assert torch.equal(image, again.photos[1].read())
     assert torch.equal(first.points.positions, again.points.positions)

@@ -2,11 +2,11 @@
 
 import torch
 
-from gaussian_enhancer.scene.procedural.recent import Recent
+from gaussian_enhancer.scene.procedural.recent import TensorCache
 
 
 def test_makes_once_and_hands_out_copies():
-    recent, made = Recent(capacity=1000), []
+    recent, made = TensorCache(capacity=1000), []
 
     def make():
         made.append(1)
@@ -18,7 +18,7 @@ def test_makes_once_and_hands_out_copies():
 
 
 def test_forgets_the_least_recently_used():
-    recent = Recent(capacity=2 * 40)
+    recent = TensorCache(capacity=2 * 40)
     for key in ("a", "b"):
         recent.get(key, lambda: torch.zeros(10))
     recent.get("a", lambda: torch.ones(10))
@@ -28,7 +28,7 @@ def test_forgets_the_least_recently_used():
 
 
 def test_never_keeps_what_is_too_large():
-    recent = Recent(capacity=39)
+    recent = TensorCache(capacity=39)
     recent.get("a", lambda: torch.zeros(10))
     assert not recent.held
     assert recent.size == 0

@@ -5,14 +5,14 @@ import pytest
 
 from gaussian_enhancer.splat.compiled import inner
 from gaussian_enhancer.splat.lanes import (
-    choose_less,
-    count_up,
+    broadcast,
     exp2_of,
-    least,
+    lane_indices,
     load,
     magnitude,
+    minimum,
     prefetch,
-    spread,
+    select_less,
     store,
     store_sums,
 )
@@ -26,8 +26,8 @@ def _arithmetic(values, scalar, out):  # type: ignore[no-untyped-def]
     prefetch(out, 0)
     a, b = load(memory, 0), load(memory, 16)
     results = (
-        a + b, a - scalar, scalar * b, a / b, magnitude(a - b), least(a, scalar), choose_less(a, b, scalar, a),
-        choose_less(scalar, a, b, spread(scalar)), count_up(), scalar - a,
+        a + b, a - scalar, scalar * b, a / b, magnitude(a - b), minimum(a, scalar), select_less(a, b, scalar, a),
+        select_less(scalar, a, b, broadcast(scalar)), lane_indices(), scalar - a,
     )  # fmt: skip
     for k in range(len(results)):
         store(memory, 32 + 16 * k, results[k])

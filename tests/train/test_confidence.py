@@ -3,12 +3,12 @@
 import torch
 
 from gaussian_enhancer.align.exposure import apply_colour, fit_colour
-from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
+from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool, build_network_input, read_target
 from gaussian_enhancer.infer.change_confidence import BLOCK, INPUTS, ChangeConfidence, split_change
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.scene.renders import read_run, run_steps
-from gaussian_enhancer.train.confidence import JudgedView, judge_views, train_confidence
+from gaussian_enhancer.train.confidence import ViewBlocks, measure_views, train_confidence
 
 
 def changing() -> SetEnhancer:
@@ -24,10 +24,10 @@ def test_blocks_tell_the_error_that_every_share_leaves(plane_run):
     rendered = read_run(plane_run, run_steps(plane_run)[0])
     view = rendered.targets[0]
     target, photo = read_target(view), view.read_photo()
-    aligned = enhancer.reference_config.align(target, view, Pool(rendered.references))
-    enhanced = enhancer.enhance(join(target, aligned))[0]
+    aligned = enhancer.reference_config.align(target, view, ReferencePool(rendered.references))
+    enhanced = enhancer.enhance(build_network_input(target, aligned))[0]
     truth = apply_colour(photo, fit_colour(photo, target.image, torch.ones_like(photo[:1])))
-    found = next(judge_views(plane_run, enhancer))
+    found = next(measure_views(plane_run, enhancer))
     height, width = (-(-side // BLOCK) for side in target.image.shape[-2:])
     assert found.features.shape == (height * width, INPUTS)
     assert target.image.shape[-2] % BLOCK == target.image.shape[-1] % BLOCK == 0
@@ -37,7 +37,7 @@ def test_blocks_tell_the_error_that_every_share_leaves(plane_run):
     for shares in ((0.3, 0.3), (1.0, 1.0), (0.2, 0.9)):
         applied = target.image + shares[0] * means[0] + shares[1] * details[0]
         left, raw = ((image - truth).square().mean() for image in (applied, target.image))
-        told = 1 + found.added(torch.tensor(shares).expand(len(found.helpful), 2)).mean()
+        told = 1 + found.added_error(torch.tensor(shares).expand(len(found.helpful), 2)).mean()
         torch.testing.assert_close(told, left / raw, rtol=1e-4, atol=1e-5)
 
 
@@ -46,7 +46,7 @@ def test_a_view_comes_overfitted_without_renders_and_where_it_has_more_than_two_
 ):
     rendered = read_run(plane_run)
     expected = 5 * len(rendered.targets) * len(run_steps(plane_run))
-    assert len(list(judge_views(plane_run, changing()))) == expected
+    assert len(list(measure_views(plane_run, changing()))) == expected
 
 
 def judged(confidence: ChangeConfidence, features: torch.Tensor) -> torch.Tensor:
@@ -54,9 +54,9 @@ def judged(confidence: ChangeConfidence, features: torch.Tensor) -> torch.Tensor
         return confidence.predict_shares(features.T[None, :, None])[0, :, 0].T
 
 
-def apart(features: torch.Tensor, helpful: torch.Tensor) -> JudgedView:
+def apart(features: torch.Tensor, helpful: torch.Tensor) -> ViewBlocks:
     """Blocks whose bands have nothing to do with each other."""
-    return JudgedView(features, torch.eye(2).expand(len(features), 2, 2), helpful, torch.ones(len(features)))
+    return ViewBlocks(features, torch.eye(2).expand(len(features), 2, 2), helpful, torch.ones(len(features)))
 
 
 def test_it_learns_which_band_of_which_block_gains():
@@ -87,7 +87,7 @@ def test_harm_that_counts_more_makes_it_hold_back():
 
 def test_a_block_loses_decibels_of_its_own_error():
     error = torch.tensor([1.0, 0.1, 0.1, 0.01])
-    view = JudgedView(torch.zeros(4, INPUTS), torch.zeros(4, 2, 2), torch.zeros(4, 2), error)
+    view = ViewBlocks(torch.zeros(4, INPUTS), torch.zeros(4, 2, 2), torch.zeros(4, 2), error)
     lost = view.lost_decibels(torch.tensor([0.1, 0.1, -0.05, 0.1]))
     torch.testing.assert_close(lost, torch.tensor([0.4139, 3.0, 0.0, 3.0]), atol=1e-3, rtol=0)
 
@@ -98,7 +98,7 @@ def test_decibels_of_blocks_make_it_hold_back_where_the_render_is_nearly_right()
     right = features[:, 7] > 0
     helpful = 0.7 + 0.8 * torch.randn(4000, 2, generator=draw)
     error = torch.where(right, 0.1, 10.0)
-    view = JudgedView(features, torch.eye(2).expand(4000, 2, 2), helpful, error)
+    view = ViewBlocks(features, torch.eye(2).expand(4000, 2, 2), helpful, error)
     shares = [
         judged(train_confidence([[view]], hidden=16, steps=300, harm=0.0, block_harm=price), features).mean(1)
         for price in (0.0, 1.0)
@@ -112,7 +112,7 @@ def test_a_fit_of_many_views_counts_as_much_as_one_of_few():
     features = torch.randn(500, INPUTS, generator=torch.Generator().manual_seed(0))
     gains, loses = apart(features, torch.ones(500, 2)), apart(features, torch.zeros(500, 2))
 
-    def mean(fits: list[list[JudgedView]]) -> float:
+    def mean(fits: list[list[ViewBlocks]]) -> float:
         return float(judged(train_confidence(fits, 8, 300, harm=0.0, block_harm=0.0), features).mean())
 
     assert abs(mean([[gains] * 9, [loses]]) - 0.5) < 0.1

@@ -54,7 +54,7 @@ def test_paired_step_overfits_to_nearly_no_error():
     module = quiet(PairedModule(model(), PIXELS_ALONE, ADAM))
     before = difference(batch().photo)
     train(module, 400)
-    manual, real, generators = module.prepared(batch(), 0)
+    manual, real, generators = module.prepare_batch(batch(), 0)
     with torch.no_grad():
         made = module.model.combine(manual, module.model.extractor(manual, real), generators)
     assert difference(made) < 0.05 * before
@@ -73,14 +73,14 @@ def test_diffused_step_learns_the_codes_of_its_views():
 
 def unknown(module) -> float:
     """Mean squared error of the predicted codes over many times and noises."""
-    manual, real, _ = module.prepared(batch(), 0)
+    manual, real, _ = module.prepare_batch(batch(), 0)
     torch.manual_seed(99)
     with torch.no_grad():
-        return float(torch.stack([module._denoising(manual, real, module.model) for _ in range(64)]).mean())
+        return float(torch.stack([module._denoising_loss(manual, real, module.model) for _ in range(64)]).mean())
 
 
 def sampled(module) -> torch.Tensor:
-    manual, _, generators = module.prepared(batch(), 0)
+    manual, _, generators = module.prepare_batch(batch(), 0)
     with torch.no_grad():
         return module.model.combine(manual, module.model.sample(manual, Sampler(4), generators), generators)
 
@@ -95,10 +95,10 @@ def test_second_step_trains_the_denoiser_alone():
 
 def test_scale_follows_the_size_of_codes():
     module = quiet(PairedModule(model(), GeneratorLoss(noise=0.3), ADAM))
-    manual, real, _ = module.prepared(batch(), 0)
+    manual, real, _ = module.prepare_batch(batch(), 0)
     factors = module.model.extractor(manual, real)
     for _ in range(1500):
-        module._scale(factors)
+        module._update_scale(factors)
     expected = (factors.grid.square().mean((0, 2, 3)) + 0.09).sqrt()
     torch.testing.assert_close(module.model.grid_scale.flatten(), expected, rtol=1e-3, atol=1e-4)
 

@@ -16,7 +16,7 @@ from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.train.metrics import gains
 from gaussian_enhancer.train.module import EnhancerModule
-from gaussian_enhancer.train.non_finite import FEWEST, NonFiniteFilter, finite_samples, refuse_bad, zero_samples
+from gaussian_enhancer.train.non_finite import MIN_CROPS, NonFiniteFilter, finite_samples, refuse_bad, zero_samples
 from gaussian_enhancer.train.samples import Sample, prepare_samples
 from gaussian_enhancer.types import Batch, NetworkInput
 
@@ -115,7 +115,7 @@ def test_too_large_a_share_fails():
     non_finite.add(["b"])
     with pytest.raises(InputError, match=r"dropped 11 of 4 crops that are not finite, most often a .10."):
         non_finite.refuse_many(4)
-    non_finite.refuse_many(FEWEST + 100)
+    non_finite.refuse_many(MIN_CROPS + 100)
     non_finite.refuse_many_of_all(1100)
     with pytest.raises(InputError, match="11 of 1000"):
         non_finite.refuse_many_of_all(1000)
@@ -149,14 +149,14 @@ def faulty(monkeypatch):
     """Planes of one view turn into NaN when they become a batch."""
     from gaussian_enhancer.train import crops
 
-    made = crops.batch_of
+    made = crops.make_batch
 
     def batch_of(planes, samples: tuple[Sample, ...], *arguments) -> Batch:
         found = made(planes, samples, *arguments)
         bad = torch.tensor([sample.name.endswith("view_000.png") for sample in samples])
         return replace(found, photo=torch.where(bad[:, None, None, None], float("nan"), found.photo))
 
-    monkeypatch.setattr(crops, "batch_of", batch_of)
+    monkeypatch.setattr(crops, "make_batch", batch_of)
 
 
 def test_a_training_with_a_bad_sample_ends_or_fails_as_it_is_told(faulty, plane_run, other_plane_run, tmp_path, capsys):

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from gaussian_enhancer.align.alignment import Unwarped
-from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
+from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool, build_network_input, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import reference_config_of
 from gaussian_enhancer.scene.high_resolution import attach_fine_photos
@@ -17,17 +17,17 @@ from gaussian_enhancer.train.augment import Augmentation
 from gaussian_enhancer.train.crops import Collate, Crops
 from gaussian_enhancer.train.data import RunsData
 from gaussian_enhancer.train.run_samples import RunSamples
-from gaussian_enhancer.train.samples import EACH, FIXED, batch_of, prepare_samples
+from gaussian_enhancer.train.samples import FIXED_PLANES, PLANES_PER_REFERENCE, make_batch, prepare_samples
 from support.synthetic_runs import write_plane_run
 
 
 def test_a_sample_is_what_the_enhancer_sees(plane_run, tmp_path):
     rendered, reference_config = read_run(plane_run), ReferenceConfig()
     samples = prepare_samples(rendered, reference_config, tmp_path, "a")
-    batch = batch_of([samples[0].planes()], samples[:1], reference_config.references)
+    batch = make_batch([samples[0].planes()], samples[:1], reference_config.references)
     view = rendered.targets[0]
     target = read_target(view)
-    seen = join(target, reference_config.align(target, view, Pool(rendered.references)))
+    seen = build_network_input(target, reference_config.align(target, view, ReferencePool(rendered.references)))
     assert view.read_photo is not None
     torch.testing.assert_close(batch.photo[0], view.read_photo())
     torch.testing.assert_close(batch.views.render, seen.render)
@@ -58,7 +58,7 @@ def test_photos_are_brought_to_the_exposure_of_their_render_where_asked(plane_ru
     matched = prepare_samples(rendered, ReferenceConfig(references=0), tmp_path, "a", match_exposure=True)
     assert plain[0].path != matched[0].path
     for samples, error in ((plain, 0.8), (matched, 1.0)):
-        batch = batch_of([samples[0].planes()], samples[:1], references=0)
+        batch = make_batch([samples[0].planes()], samples[:1], references=0)
         seen = batch.views.render > 0.2
         assert float((batch.photo / batch.views.render)[seen].mean()) == pytest.approx(error, abs=0.02)
 
@@ -81,7 +81,7 @@ def test_missing_parts_stay_missing(plane_run, tmp_path):
     bare = [dataclasses.replace(view, read_depth=None, read_alpha=None) for view in rendered.targets]
     rendered = dataclasses.replace(rendered, targets=tuple(bare))
     samples = prepare_samples(rendered, ReferenceConfig(references=0), tmp_path, "a")
-    batch = batch_of([samples[0].planes()], samples[:1], references=2)
+    batch = make_batch([samples[0].planes()], samples[:1], references=2)
     assert batch.views.depth is not None
     assert batch.views.depth.abs().max() == 0
     assert batch.views.visibility.shape[1] == 2
@@ -92,23 +92,27 @@ def test_augmentation_is_determined_by_its_seed_and_keeps_planes_together(plane_
     samples = prepare_samples(read_run(plane_run), ReferenceConfig(), tmp_path, "a")
     augmentation = Augmentation(crop=64)
     planes = samples[0].planes()
-    one, same, other = (augmentation.cut(planes, torch.Generator().manual_seed(s)) for s in (1, 1, 2))
+    one, same, other = (augmentation.random_crop(planes, torch.Generator().manual_seed(s)) for s in (1, 1, 2))
     assert one.shape == (len(planes), 64, 64)
     assert (one == same).all()
     assert not (one == other).all()
     marked = planes.copy()
     marked[3:6] = marked[:3]
-    turned = augmentation.cut(marked, torch.Generator().manual_seed(5))
+    turned = augmentation.random_crop(marked, torch.Generator().manual_seed(5))
     assert (turned[3:6] == turned[:3]).all()
-    counts = {(len(augmentation.drop(one, torch.Generator().manual_seed(s))) - FIXED) // EACH for s in range(60)}
+    counts = {
+        (len(augmentation.drop_references(one, torch.Generator().manual_seed(s))) - FIXED_PLANES)
+        // PLANES_PER_REFERENCE
+        for s in range(60)
+    }
     assert counts == {0, 1, 2, 3}
     every = Augmentation(crop=64, every_reference=True)
-    assert all((every.drop(one, torch.Generator().manual_seed(s)) == one).all() for s in range(20))
+    assert all((every.drop_references(one, torch.Generator().manual_seed(s)) == one).all() for s in range(20))
 
 
 def test_light_is_shared_and_references_differ(plane_run, tmp_path):
     samples = prepare_samples(read_run(plane_run), ReferenceConfig(), tmp_path, "a")
-    batch = batch_of([samples[0].planes()], samples[:1], 3)
+    batch = make_batch([samples[0].planes()], samples[:1], 3)
     batch = dataclasses.replace(batch, views=dataclasses.replace(batch.views, render=batch.photo))
     lit = Augmentation(light=0.2).relight(batch, torch.Generator().manual_seed(0))
     torch.testing.assert_close(lit.views.render, lit.photo)
@@ -119,7 +123,7 @@ def test_light_is_shared_and_references_differ(plane_run, tmp_path):
 
 def test_references_may_lose_errors_that_longer_fits_do_not_have(plane_run, tmp_path):
     samples = prepare_samples(read_run(plane_run), ReferenceConfig(), tmp_path, "a")
-    batch = batch_of([samples[0].planes()], samples[:1], 3)
+    batch = make_batch([samples[0].planes()], samples[:1], 3)
     still = {"light": 0.0, "exposure": 0.0, "drop_renders": 0.0}
     errors = []
     for overfit in (0.0, 0.7):
@@ -143,10 +147,10 @@ def fine_set(tmp_path_factory):
 def test_a_fine_sample_is_what_the_enhancer_sees(fine_set, tmp_path):
     reference_config = ReferenceConfig(fine=True)
     samples = prepare_samples(fine_set, reference_config, tmp_path, "a")
-    batch = batch_of([samples[0].planes()], samples[:1], 3, [samples[0].fine_planes()])
+    batch = make_batch([samples[0].planes()], samples[:1], 3, [samples[0].fine_planes()])
     view = fine_set.targets[0]
     target = read_target(view)
-    seen = join(target, reference_config.align(target, view, Pool(fine_set.references)))
+    seen = build_network_input(target, reference_config.align(target, view, ReferencePool(fine_set.references)))
     torch.testing.assert_close(batch.photo[0], view.read_fine_photo())
     assert seen.fine_references is not None
     assert batch.views.fine_references is not None

@@ -12,7 +12,7 @@ from gaussian_enhancer.train.augment import Augmentation
 from gaussian_enhancer.train.crops import BalancedDraw, Collate, Crops
 from gaussian_enhancer.train.data import Loading, RunsData
 from gaussian_enhancer.train.run_samples import RunSamples
-from gaussian_enhancer.train.samples import batch_of, prepare_samples, training_targets
+from gaussian_enhancer.train.samples import make_batch, prepare_samples, training_targets
 from gaussian_enhancer.train.simulated import Simulation
 from gaussian_enhancer.types import Batch
 
@@ -68,7 +68,7 @@ def items(samples, seeds):
 
 def plain(items):
     planes, samples, _ = zip(*items, strict=True)
-    return batch_of(planes, samples, 3)
+    return make_batch(planes, samples, 3)
 
 
 def same(one, other, tolerance=0.0):
@@ -188,7 +188,7 @@ def test_training_views_hold_their_photo_for_a_render_and_never_refer_to_themsel
         assert (planes[:3] == planes[3:6]).all()
         assert not sample.held_out
         assert sample.has_depth
-        batch = batch_of([planes], [sample], 3)
+        batch = make_batch([planes], [sample], 3)
         assert view.read_photo is not None
         torch.testing.assert_close(batch.photo[0], view.read_photo())
         shown = batch.views.visibility[0, :, 0] > 0.99

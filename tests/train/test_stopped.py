@@ -10,12 +10,12 @@ from omegaconf import OmegaConf
 
 from gaussian_enhancer.errors import LostProcessError
 from gaussian_enhancer.train.processes import launch
-from gaussian_enhancer.train.trainer import stopped_by_ctrl_c
+from gaussian_enhancer.train.trainer import raise_interrupt
 
 
 def ended(trainer):
     """As Lightning ends the process after Ctrl-C."""
-    with stopped_by_ctrl_c(trainer):
+    with raise_interrupt(trainer):
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         sys.exit(1)
 

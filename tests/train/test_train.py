@@ -7,7 +7,7 @@ import torch
 from omegaconf import OmegaConf
 
 from gaussian_enhancer.checkpoint import find_checkpoint
-from gaussian_enhancer.cli.train import _network, with_effect
+from gaussian_enhancer.cli.train import _network, network_configuration
 from gaussian_enhancer.degrade.simulator import NoSecondStage, Simulator
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
@@ -105,7 +105,7 @@ MISSING = ["data.train=[]", "data.validation=[]"]
 @pytest.mark.parametrize(("gate", "kind"), [("none", "NoGate"), ("all", "AllGate"), ("random", "RandomGate")])
 def test_every_gate_becomes_the_simulators(gate, kind):
     cfg = configured(*MISSING, f"gate={gate}", "generator=none", "data.simulation.share=1.0")
-    simulator = build(with_effect(cfg).data.simulation.simulator)
+    simulator = build(network_configuration(cfg).data.simulation.simulator)
     assert isinstance(simulator, Simulator)
     assert type(simulator.gate).__name__ == kind
     assert isinstance(simulator.second, NoSecondStage)
@@ -123,7 +123,7 @@ def test_a_switch_of_a_gate_reaches_it():
 
 def test_a_simulator_without_effect_is_neither_built_nor_part_of_the_run(monkeypatch):
     idle = [
-        with_effect(configured(*MISSING, *other))
+        network_configuration(configured(*MISSING, *other))
         for other in ([], ["gate=all"], ["data.simulation.training_views=true"])
     ]
     assert effective_config(idle[0]) == effective_config(idle[1]) == effective_config(idle[2])
@@ -131,18 +131,19 @@ def test_a_simulator_without_effect_is_neither_built_nor_part_of_the_run(monkeyp
     monkeypatch.setattr(Simulator, "__init__", lambda self, *a, **k: pytest.fail("the simulator was built"))
     assert build(idle[0].data, samples={"cache": "unused"}).simulation is None
     shares = [
-        with_effect(configured(*MISSING, "data.simulation.share=1.0", f"gate={gate}")) for gate in ("all", "random")
+        network_configuration(configured(*MISSING, "data.simulation.share=1.0", f"gate={gate}"))
+        for gate in ("all", "random")
     ]
     assert len({str(effective_config(cfg)) for cfg in (*shares, *idle)}) == 3
 
 
 def test_weights_to_begin_with_are_named_by_what_they_hold(tmp_path):
-    plainly = with_effect(configured(*MISSING))
+    plainly = network_configuration(configured(*MISSING))
     assert "initial" not in plainly
     copied = tmp_path / "copied.safetensors"
     copied.write_bytes(find_checkpoint("lr_tiny").read_bytes())
     shipped, copy, other = (
-        with_effect(configured(*MISSING, f"initial={one}")) for one in ("lr_tiny", copied, "lr_base")
+        network_configuration(configured(*MISSING, f"initial={one}")) for one in ("lr_tiny", copied, "lr_base")
     )
     assert effective_config(shipped) == effective_config(copy)
     assert len({str(effective_config(cfg)) for cfg in (plainly, shipped, other)}) == 3
@@ -191,7 +192,7 @@ def test_parts_begin_with_weights_of_their_own():
         _network(other)
     with pytest.raises(InputError, match="no part of the network"):
         _network(configured(*cascade, "+initial.third=lr_tiny"))
-    assert len({str(effective_config(with_effect(one))) for one in (cfg, other, configured(*cascade))}) == 3
+    assert len({str(effective_config(network_configuration(one))) for one in (cfg, other, configured(*cascade))}) == 3
 
 
 def test_training_on_simulated_renders_writes_a_card(plane_run, other_plane_run, tmp_path):
@@ -242,7 +243,7 @@ def test_draws_are_balanced_over_sources():
 def test_draws_go_on_where_training_was_killed(seen):
     whole = BalancedDraw([3, 4], 20, seed=1)
     epochs = [*list(whole), *list(whole)]
-    resumed = BalancedDraw([3, 4], 20, seed=1, drawn=lambda: seen)
+    resumed = BalancedDraw([3, 4], 20, seed=1, count_used=lambda: seen)
     assert list(resumed) == epochs[seen : 20 * (seen // 20 + 1)]
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from gaussian_enhancer.align.references import Pool, ReferenceConfig
+from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.path_references import PathReferences
@@ -82,7 +82,7 @@ def filmed(
     enhancer = SetEnhancer(
         network or Brightening(), config, precision="float32", temporal_smoothing=smoothing, colour_clamping=0
     )
-    return Film(enhancer, rendered, None, Pool(rendered.references), folder, overlapped=overlapped)
+    return Film(enhancer, rendered, None, ReferencePool(rendered.references), folder, overlapped=overlapped)
 
 
 def test_four_slow_stages_take_hardly_longer_than_one(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ import sys
 import pytest
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.viewer.address import library, refuse_taken
+from gaussian_enhancer.viewer.address import load_viser, refuse_taken
 
 
 def test_a_port_in_use_is_refused_and_a_free_one_is_not():
@@ -31,4 +31,4 @@ def test_without_viser_it_says_how_to_install_it(monkeypatch):
     with pytest.raises(
         InputError, match=r'view: needs viser.*; install it with pip install "gaussian-enhancer\[viewer\]"'
     ):
-        library()
+        load_viser()

@@ -20,7 +20,7 @@ def turned() -> Camera:
 
 def test_a_photos_camera_comes_back_at_its_own_size():
     camera = turned()
-    same = PageCamera.of(camera).at(64)
+    same = PageCamera.of(camera).to_camera(64)
     torch.testing.assert_close(same.world_to_camera, camera.world_to_camera, atol=1e-5, rtol=0)
     torch.testing.assert_close(same.K, camera.K, atol=1e-4, rtol=0)
     assert (same.height, same.width) == (48, 64)
@@ -29,16 +29,16 @@ def test_a_photos_camera_comes_back_at_its_own_size():
 def test_the_field_of_view_stays_at_other_sizes_whose_sides_are_even():
     page = PageCamera.of(turned())
     for width in (17, 64, 333):
-        camera = page.at(width)
+        camera = page.to_camera(width)
         assert camera.width % 2 == camera.height % 2 == 0
         assert 2 * math.atan(camera.height / 2 / float(camera.K[1, 1])) == pytest.approx(page.fov)
         assert float(camera.K[0, 0]) == pytest.approx(float(camera.K[1, 1]))
-    assert page.at(1).width == 16
+    assert page.to_camera(1).width == 16
 
 
 def test_a_narrowed_camera_sees_the_middle_columns():
     page = PageCamera.of(turned())
-    whole, half = page.at(64), page.narrowed().at(32)
+    whole, half = page.to_camera(64), page.middle_half().to_camera(32)
     assert (half.height, half.width) == (48, 32)
     point = torch.tensor([0.1, 0.2, 1.5])
     seen = [camera.K @ point for camera in (whole, half)]
@@ -51,9 +51,9 @@ def test_what_is_no_camera_is_refused_and_a_hidden_page_has_a_picture():
     page = PageCamera.of(turned())
     for broken in ({"position": (0.0, math.nan, 0.0)}, {"wxyz": (0.0, 0.0, 0.0, 0.0)}, {"fov": 0.0}):
         with pytest.raises(InputError, match="the page's camera: is PageCamera"):
-            dataclasses.replace(page, **broken).at(64)
-    assert dataclasses.replace(page, aspect=0.0).at(64).height == 8 * 64
-    assert dataclasses.replace(page, aspect=1e9).at(640).height == 80
+            dataclasses.replace(page, **broken).to_camera(64)
+    assert dataclasses.replace(page, aspect=0.0).to_camera(64).height == 8 * 64
+    assert dataclasses.replace(page, aspect=1e9).to_camera(640).height == 80
 
 
 def test_upward_is_the_mean_and_the_first_where_cameras_cancel():

@@ -6,7 +6,7 @@ import torch
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.report.figures import colour_map
 from gaussian_enhancer.types import identity_camera
-from gaussian_enhancer.viewer.modes import LARGEST, MODES, Mode, apply_colour_map
+from gaussian_enhancer.viewer.modes import MAX_DIFFERENCE, MODES, Mode, apply_colour_map
 from gaussian_enhancer.viewer.stage import StageView, Times
 
 DARK, LIGHT = colour_map()[0], colour_map()[-1]
@@ -14,7 +14,7 @@ DARK, LIGHT = colour_map()[0], colour_map()[-1]
 
 def view(scale: int = 1) -> StageView:
     render, enhanced = torch.full((3, 8, 20), 0.25), torch.full((3, 8 * scale, 20 * scale), 0.25)
-    enhanced[:, :, 10 * scale :] += LARGEST
+    enhanced[:, :, 10 * scale :] += MAX_DIFFERENCE
     depth, coverage = torch.ones(1, 8, 20), torch.zeros(1, 8, 20)
     depth[:, :, 10:] = 4.0
     depth[:, 0] = 0.0
@@ -37,7 +37,7 @@ def test_side_by_side_and_wipe_show_the_render_on_the_left():
     assert torch.equal(wide[..., 20:], seen.enhanced)
     wiped = Mode("wipe", 0.7)(seen)
     assert wiped[0, 0].tolist() == pytest.approx([0.25] * 13 + [1.0] * 2 + [0.45] * 5)
-    assert [Mode(name).halves for name in MODES].count(True) == 1
+    assert [Mode(name).splits_width for name in MODES].count(True) == 1
 
 
 @pytest.mark.parametrize("scale", [1, 4])

@@ -7,7 +7,7 @@ import torch
 from hydra import compose
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.runs.video import lay_path
+from gaussian_enhancer.runs.video import compute_path
 from gaussian_enhancer.scene.path_files import read_path
 from gaussian_enhancer.scene.photos import read_photo
 from gaussian_enhancer.viewer.cameras import PageCamera
@@ -21,10 +21,10 @@ KEPT = [PageCamera.of(CAPTURE[index]) for index in (0, 3, 7)]
 
 def test_a_saved_path_is_the_path_that_video_lays(tmp_path):
     laid = path_through_cameras(KEPT, 320, 2.0, CAPTURE, 10.0)
-    file = SavedFiles(tmp_path / "saved").path(laid, 10.0)
+    file = SavedFiles(tmp_path / "saved").save_path(laid, 10.0)
     assert file.name == "path_001.json"
     with initialised():
-        path = lay_path(compose("video", [f"path={file}"]), CAPTURE)
+        path = compute_path(compose("video", [f"path={file}"]), CAPTURE)
     assert path.fps == 10
     assert len(path.cameras) == len(laid) == 20
     for camera, same in zip(laid, path.cameras, strict=True):
@@ -57,7 +57,7 @@ def test_a_view_is_saved_with_its_camera_and_none_is_replaced(tmp_path):
     assert not saved.folder.exists()
     picture = torch.rand(3, 48, 64, generator=torch.Generator().manual_seed(0))
     camera = KEPT[1].at(64)
-    assert [saved.view(picture, camera).name for _ in range(2)] == ["view_001.png", "view_002.png"]
+    assert [saved.save_view(picture, camera).name for _ in range(2)] == ["view_001.png", "view_002.png"]
     assert float((read_photo(saved.folder / "view_001.png") - picture).abs().max()) <= 0.5 / 255 + 1e-6
     (same,) = read_path(saved.folder / "view_001.json", 1, 1).cameras
     torch.testing.assert_close(same.world_to_camera, camera.world_to_camera, atol=1e-5, rtol=0)

@@ -2,11 +2,11 @@ import threading
 
 import pytest
 
-from gaussian_enhancer.viewer.schedule import ARRIVAL, ViewSchedule, ViewTask, Worker
+from gaussian_enhancer.viewer.schedule import INITIAL_MOVE_SECONDS, ViewSchedule, ViewTask, Worker
 
 
 def test_a_moving_camera_is_drawn_small_and_a_still_one_at_full_size():
-    schedule = ViewSchedule(settled=0.5)
+    schedule = ViewSchedule(settle_seconds=0.5)
     assert schedule.take(0.0) is None
     assert schedule.wait(0.0) is None
     schedule.camera_moved("a", 0.0)
@@ -22,10 +22,10 @@ def test_a_moving_camera_is_drawn_small_and_a_still_one_at_full_size():
 
 
 def test_a_viewer_that_came_is_waited_for_until_it_moves():
-    schedule = ViewSchedule(settled=0.5)
+    schedule = ViewSchedule(settle_seconds=0.5)
     schedule.add_viewer("a", 0.0)
-    assert schedule.take(ARRIVAL - 0.01) is None
-    assert schedule.take(ARRIVAL) == ViewTask("a", True, 1)
+    assert schedule.take(INITIAL_MOVE_SECONDS - 0.01) is None
+    assert schedule.take(INITIAL_MOVE_SECONDS) == ViewTask("a", True, 1)
     schedule.add_viewer("b", 2.0)
     schedule.camera_moved("b", 2.1)
     assert schedule.take(2.1) == ViewTask("b", False, 2)
@@ -40,7 +40,7 @@ def test_only_the_last_camera_is_drawn():
 
 
 def test_another_mode_is_drawn_at_full_size_unless_the_camera_moves():
-    schedule = ViewSchedule(settled=0.5)
+    schedule = ViewSchedule(settle_seconds=0.5)
     schedule.content_changed("a", 0.0)
     assert schedule.take(0.0) == ViewTask("a", True, 1)
     schedule.camera_moved("a", 1.0)
@@ -51,7 +51,7 @@ def test_another_mode_is_drawn_at_full_size_unless_the_camera_moves():
 
 
 def test_viewers_take_turns_and_small_views_come_first():
-    schedule = ViewSchedule(settled=0.0)
+    schedule = ViewSchedule(settle_seconds=0.0)
     schedule.content_changed("a", 0.0)
     schedule.camera_moved("b", 0.0)
     schedule.camera_moved("c", 0.0)
@@ -64,7 +64,7 @@ def test_viewers_take_turns_and_small_views_come_first():
 
 
 def test_what_was_asked_for_since_takes_the_place():
-    schedule = ViewSchedule(settled=0.0)
+    schedule = ViewSchedule(settle_seconds=0.0)
     schedule.content_changed("a", 0.0)
     task = schedule.take(0.0)
     assert task is not None
@@ -87,7 +87,7 @@ def test_the_worker_draws_until_it_is_stopped_and_gives_up_full_views_alone():
             done.set()
 
     done = threading.Event()
-    worker = Worker(draw, ViewSchedule(settled=0.0))
+    worker = Worker(draw, ViewSchedule(settle_seconds=0.0))
     worker.start()
     worker.content_changed("a")
     assert begun.wait(30)

@@ -9,8 +9,8 @@ from gaussian_enhancer.align.references import read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import Camera, identity_camera
 from gaussian_enhancer.viewer.cameras import PageCamera
-from gaussian_enhancer.viewer.session import KEPT
-from gaussian_enhancer.viewer.source import DISTILLED, GIVEN, RAW, open_session
+from gaussian_enhancer.viewer.session import STAGE_CACHE_SIZE
+from gaussian_enhancer.viewer.source import CONFIGURED_PLAN, DISTILLED, RAW, open_session
 from gaussian_enhancer.viewer.stage import StageView
 
 CPU = torch.device("cpu")
@@ -87,7 +87,7 @@ def test_a_camera_that_looks_away_sees_nothing_and_changes_nothing(session):
 def test_the_nearest_photo_is_that_of_its_own_camera(session):
     stage = session.stage(session.first)
     for view in stage.pool.views:
-        found = stage.nearest(PageCamera.of(view.camera).at(64))
+        found = stage.nearest_photo(PageCamera.of(view.camera).to_camera(64))
         assert found is not None
         assert found.name == view.name
 
@@ -112,7 +112,7 @@ def test_stages_are_kept_and_the_oldest_is_dropped(session):
     assert session.stage(dataclasses.replace(session.first, strength=0.1)) is first
     assert first.enhancer.strength == 0.1
     assert session.strength(session.first) == 0.5
-    others = [dataclasses.replace(session.first, max_references=count) for count in range(KEPT)]
+    others = [dataclasses.replace(session.first, max_references=count) for count in range(STAGE_CACHE_SIZE)]
     for choice in others:
         session.stage(choice)
     assert session.stage(others[-1]) is session.stage(others[-1])
@@ -134,8 +134,8 @@ def test_another_splat_of_the_same_capture_brings_its_own_renders(configured, vi
 
 def test_what_is_offered(configured):
     session = open_session(configured("plan.margin=8", "strength=0.25", "max_references=2"), CPU)
-    assert list(session.choices.plans) == [GIVEN, "auto", "full"]
-    assert session.choices.plans[GIVEN].margin == 8
+    assert list(session.choices.plans) == [CONFIGURED_PLAN, "auto", "full"]
+    assert session.choices.plans[CONFIGURED_PLAN].margin == 8
     assert session.first.strength == session.strength(session.first) == 0.25
     assert session.first.max_references == 2
     assert set(session.choices.weights) >= {"lr_tiny", "lr_base", session.first.weights}

@@ -11,7 +11,7 @@ from typing import Any
 from PIL import Image
 
 from ablations.report.dashboard.folder import TableRecords
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.metrics.records import Record
 
 LARGEST_COPY = 1_500_000
@@ -160,7 +160,7 @@ def _copy_picture(source: Path, output: Path) -> tuple[str, tuple[int, int]]:
         large = len(content) > LARGEST_COPY
         target = output / "images" / f"{name}{'.jpg' if large else source.suffix.lower()}"
         if not target.is_file():
-            with whole_file(target) as temporary:
+            with atomic_write(target) as temporary:
                 if large:
                     picture.convert("RGB").save(temporary, "JPEG", quality=92)
                 else:

@@ -15,7 +15,7 @@ from ablations.report.stability import count_table
 from ablations.report.tradeoff_quality import group_by_side, setting_table
 from ablations.stability.judge import KIND as CELL
 from ablations.tradeoff.summary import summarise
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.metrics.records import Record, read_records
 
 FOLDER = "diagrams"
@@ -133,7 +133,7 @@ def copy_diagrams(sources: Sequence[Path], output: Path) -> tuple[Diagram, ...]:
     """
     diagrams = []
     for path in sources:
-        with whole_file(output / FOLDER / path.name) as temporary:
+        with atomic_write(output / FOLDER / path.name) as temporary:
             shutil.copyfile(path, temporary)
         diagrams.append(Diagram(_title(path), f"{FOLDER}/{path.name}"))
     return tuple(diagrams)

@@ -15,21 +15,26 @@ from torch import Tensor
 
 from gaussian_enhancer.align.depth_search import SEARCHES, DepthKind, Source, refine_depth
 from gaussian_enhancer.align.exposure import apply_colour, fit_colour, fit_exposure
-from gaussian_enhancer.align.photo_consistency import hide_inconsistent, photometric_difference, rank, reference_weight
+from gaussian_enhancer.align.photo_consistency import (
+    hide_inconsistent,
+    photometric_difference,
+    rank_references,
+    reference_weight,
+)
 from gaussian_enhancer.align.projection import Interpolation, can_use_kernels, kernel_image
 from gaussian_enhancer.align.reproject import Warped, fill_depth, footprint_between, reproject
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.types import Camera, Region, single_precision
 
-NOT_IMAGES = "name", "camera", "read_fine"
-"""Fields of `Pixels` that are not images."""
+NON_IMAGE_FIELDS = "name", "camera", "read_fine"
+"""Fields of `LoadedView` that are not images."""
 STRIP = 256
 """Number of rows of a fine grid that are warped at a time, to limit the memory for large images."""
 
 
 @dataclass(frozen=True)
-class Pixels:
+class LoadedView:
     """A view in memory: a target with its render, or a reference with its photo.
 
     Args:
@@ -57,17 +62,17 @@ class Pixels:
             return None
         return fit_exposure(resize(self.image, *self.render.shape[-2:]), self.render)
 
-    def to_device(self, device: torch.device) -> "Pixels":
+    def to_device(self, device: torch.device) -> "LoadedView":
         """The view with its images on a device. Its camera is not moved, since only a few numbers of it are read."""
         return self._map_images(lambda image: image.to(device))
 
-    def to_single_precision(self) -> "Pixels":
+    def to_single_precision(self) -> "LoadedView":
         """The view with half-precision images converted to single precision."""
         return self._map_images(single_precision)
 
-    def _map_images(self, change: Callable[[Tensor], Tensor]) -> "Pixels":
+    def _map_images(self, change: Callable[[Tensor], Tensor]) -> "LoadedView":
         """Apply a function to the view's images. If no image changes, return the same object with its cached values."""
-        images = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in NOT_IMAGES}
+        images = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in NON_IMAGE_FIELDS}
         changed = {name: change(image) for name, image in images.items() if image is not None}
         if all(image is images[name] for name, image in changed.items()):
             return self
@@ -75,7 +80,7 @@ class Pixels:
 
 
 @dataclass(frozen=True)
-class Aligned:
+class AlignedReferences:
     """References on the target's grid, in order of decreasing usefulness.
 
     Args:
@@ -97,7 +102,7 @@ class Aligned:
 class Warp(Protocol):
     """A method that aligns references to the target's grid."""
 
-    def __call__(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
+    def __call__(self, target: LoadedView, references: Sequence[LoadedView], keep: int) -> AlignedReferences:
         """Align at most ``keep`` of the references to the target's grid. References are ordered nearest first."""
         ...
 
@@ -109,7 +114,7 @@ class Unwarped:
     Half-precision images are resized in single precision.
     """
 
-    def __call__(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
+    def __call__(self, target: LoadedView, references: Sequence[LoadedView], keep: int) -> AlignedReferences:
         """Resize the first ``keep`` references."""
         height, width = target.image.shape[-2:]
         nearest = [reference.to_single_precision() for reference in references[:keep]]
@@ -118,7 +123,7 @@ class Unwarped:
             image = resize(reference.image, height, width)
             render = None if reference.render is None else resize(reference.render, height, width)
             warped.append(Warped(image, torch.ones_like(image[:1]), render))
-        photos = [read_photo().to(target.image.device) / 255 for read_photo in _fine_reads(nearest)]
+        photos = [read_photo().to(target.image.device) / 255 for read_photo in _fine_photo_readers(nearest)]
         fine = torch.stack([resize(photo, 4 * height, 4 * width) for photo in photos]) if photos else None
         return _stack_aligned(target, warped, [reference.name for reference in nearest], fine)
 
@@ -167,7 +172,7 @@ class Reprojected:
         if not (limit is None or (isinstance(limit, int | float) and limit >= 0)):
             raise ValueError(f"photo_consistency is {limit!r}, neither null nor a number from 0 on")
 
-    def __call__(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
+    def __call__(self, target: LoadedView, references: Sequence[LoadedView], keep: int) -> AlignedReferences:
         """Warp all references and keep those that together show most. The depth search is not differentiable.
 
         Raises:
@@ -178,7 +183,7 @@ class Reprojected:
                 target.to_single_precision(), [reference.to_single_precision() for reference in references], keep
             )
 
-    def _warp(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
+    def _warp(self, target: LoadedView, references: Sequence[LoadedView], keep: int) -> AlignedReferences:
         if not references or keep == 0:
             return _stack_aligned(target, [], [])
         if target.depth is None:
@@ -209,23 +214,23 @@ class Reprojected:
                 view = hide_inconsistent(view, difference, self.photo_consistency)
             warped.append(view)
             weights.append(reference_weight(view, difference, self.softness))
-        order = rank(weights, keep)
-        reads, fine = _fine_reads([references[i] for i in order]), None
+        order = rank_references(weights, keep)
+        reads, fine = _fine_photo_readers([references[i] for i in order]), None
         if reads:
             fine = target.image.new_empty(len(order), 3, *(4 * side for side in target.image.shape[-2:]))
             for i, read_photo, result in zip(order, reads, fine, strict=True):
                 photo = read_photo().to(target.image.device)
-                _warp_finely(camera, depth, cameras[i], photo, exposures[i], warped[i], result)
+                _warp_fine_photo(camera, depth, cameras[i], photo, exposures[i], warped[i], result)
         return _stack_aligned(target, [warped[i] for i in order], [references[i].name for i in order], fine)
 
 
-def _fine_reads(references: Sequence[Pixels]) -> list[Callable[[], UInt8[Tensor, "3 _ _"]]]:
+def _fine_photo_readers(references: Sequence[LoadedView]) -> list[Callable[[], UInt8[Tensor, "3 _ _"]]]:
     """Readers of the references' fine photos; empty unless every reference has one."""
     reads = [reference.read_fine for reference in references if reference.read_fine is not None]
     return reads if len(reads) == len(references) else []
 
 
-def _warp_finely(
+def _warp_fine_photo(
     camera: Camera,
     depth: Float[Tensor, "1 h w"],
     other: Camera,
@@ -258,7 +263,7 @@ def _warp_finely(
         rows = slice(top, min(top + STRIP, height))
         coarse_rows = slice(top // 4, -(-rows.stop // 4))
         visibility = F.interpolate(warped.visibility[None, :, coarse_rows], scale_factor=4)[0]
-        strip = fine.cut(Region(top, 0, rows.stop, width))
+        strip = fine.crop(Region(top, 0, rows.stop, width))
         strip_samples = reproject(strip, 1 / inverse[:, rows], other, photo, alpha=visibility, footprint=footprint)
         _write_fine_rows(strip_samples, colours, warped.colour, top, result)
 
@@ -294,21 +299,21 @@ def _write_fine_rows(
     result[:, top:bottom] = torch.where(finely.visibility > 0, apply_colour(finely.colour, colours), colour)
 
 
-def _camera_of(view: Pixels) -> Camera:
+def _camera_of(view: LoadedView) -> Camera:
     if view.camera is None:
         raise InputError(view.name, "has no camera to reproject with", "give cameras, or alignment=none")
     return view.camera
 
 
 def _stack_aligned(
-    target: Pixels, warped: Sequence[Warped], names: Sequence[str], fine: Float[Tensor, "r 3 H W"] | None = None
-) -> Aligned:
+    target: LoadedView, warped: Sequence[Warped], names: Sequence[str], fine: Float[Tensor, "r 3 H W"] | None = None
+) -> AlignedReferences:
     height, width = target.image.shape[-2:]
     if not warped:
         empty = target.image.new_zeros(0, 4, height, width)
-        return Aligned(empty[:, :3], empty[:, 3:], ())
+        return AlignedReferences(empty[:, :3], empty[:, 3:], ())
     renders = [view.render for view in warped if view.render is not None]
-    return Aligned(
+    return AlignedReferences(
         torch.stack([view.colour for view in warped]),
         torch.stack([view.visibility for view in warped]),
         tuple(names),

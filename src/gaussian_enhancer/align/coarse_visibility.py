@@ -11,13 +11,13 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.align.alignment import Aligned, Pixels, Reprojected
+from gaussian_enhancer.align.alignment import AlignedReferences, LoadedView, Reprojected
 
 EDGE = 64
 """Longer side of the coarse grid in pixels."""
 
 
-def coarse_visibility(warp: Reprojected, target: Pixels, candidates: Sequence[Pixels]) -> Aligned:
+def coarse_visibility(warp: Reprojected, target: LoadedView, candidates: Sequence[LoadedView]) -> AlignedReferences:
     """Warp all candidates to the target's coarse grid, in the order in which the full warp ranks them.
 
     Args:
@@ -28,7 +28,7 @@ def coarse_visibility(warp: Reprojected, target: Pixels, candidates: Sequence[Pi
     return replace(warp, depth="exact")(target, candidates, len(candidates))
 
 
-def visible_shares(seen: Aligned, alpha: Float[Tensor, "1 h w"] | None) -> dict[str, float]:
+def visible_shares(seen: AlignedReferences, alpha: Float[Tensor, "1 h w"] | None) -> dict[str, float]:
     """Share of the target's visible surface that each candidate shows, in [0, 1], in the order of ``seen``.
 
     Args:
@@ -41,7 +41,7 @@ def visible_shares(seen: Aligned, alpha: Float[Tensor, "1 h w"] | None) -> dict[
     return dict(zip(seen.names, fractions, strict=True))
 
 
-def coarsen(pixels: Pixels, edge: int = EDGE) -> Pixels:
+def coarsen(pixels: LoadedView, edge: int = EDGE) -> LoadedView:
     """A view on a coarse grid. Colours are averaged; depth and opacity are sampled at pixels, so no surfaces mix."""
 
     def sized(image: Float[Tensor, "c _ _"], *, averaged: bool) -> Float[Tensor, "c _ _"]:

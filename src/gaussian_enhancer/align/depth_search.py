@@ -18,21 +18,21 @@ from gaussian_enhancer.align.depth_smoothing import smooth_depth
 from gaussian_enhancer.align.exposure import fit_colour
 from gaussian_enhancer.align.photo_consistency import photometric_difference
 from gaussian_enhancer.align.projection import (
-    IN_FRONT,
+    MIN_RELATIVE_Z,
     ReferenceProjection,
     can_use_kernels,
     kernel_image,
     kernel_projection,
-    land,
-    read_at,
+    project_pixels,
     sample_image,
+    sample_projected,
 )
 from gaussian_enhancer.align.reproject import Warped, fill_depth
 from gaussian_enhancer.types import Camera, usable_depth
 
-TINY = 1e-8
+VARIANCE_EPSILON = 1e-8
 """Added to colour variances, since the square root would amplify rounding errors where photos are equal."""
-DEAREST = 4.0
+INVISIBLE_COST = 4.0
 """Cost of a hypothesis that is visible in no reference; larger than any colour difference."""
 
 
@@ -90,7 +90,7 @@ class Source:
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _PreparedReference:
     """A reference prepared for the search.
 
     Args:
@@ -145,14 +145,14 @@ def refine_depth(
         z = fill_depth(depth).to(render.dtype)[..., :: settings.stride, :: settings.stride].contiguous()
         image = render[..., :: settings.stride, :: settings.stride].contiguous()
         prepared = [_prepare_source(target, z, image, source, settings) for source in sources]
-        change = (_search_compiled if can_use_kernels(z, image) else search)(z, image, prepared, settings)
+        change = (_search_compiled if can_use_kernels(z, image) else search_torch)(z, image, prepared, settings)
         change = _interpolate_change(change, settings.stride, depth.shape[-2], depth.shape[-1])
         depth = depth * torch.exp(change * math.log1p(settings.span)).to(depth.dtype)
     return depth
 
 
-def search(
-    z: Float[Tensor, "1 h w"], image: Float[Tensor, "3 h w"], seen: Sequence[_Seen], how: Search
+def search_torch(
+    z: Float[Tensor, "1 h w"], image: Float[Tensor, "3 h w"], seen: Sequence[_PreparedReference], how: Search
 ) -> Float[Tensor, "1 h w"]:
     """The step k of least cost at each sample; readable twin of the compiled kernels, for any device."""
     steps = torch.linspace(-1, 1, how.hypotheses, dtype=z.dtype, device=z.device)
@@ -160,7 +160,7 @@ def search(
     count, difference, squares = z.new_zeros(3, how.hypotheses, 1, *z.shape[-2:])
     total = z.new_zeros(how.hypotheses, 3, *z.shape[-2:])
     for reference in seen:
-        landing = land(reference.projection, z * multipliers)
+        landing = project_pixels(reference.projection, z * multipliers)
         inside = (landing.inside * reference.counts)[:, None]
         deviation = (
             _apply_colours(sample_image(reference.photo, landing.x, landing.y), reference.colours) - image
@@ -173,22 +173,22 @@ def search(
     n = count.clamp_min(1)
     mean = difference / n
     variance = (squares - total.square().mean(1, keepdim=True) / n).clamp_min(0) / (n - 1).clamp_min(1)
-    cost = mean + how.inconsistency * torch.where(count > 1, (variance + TINY).sqrt(), mean)
+    cost = mean + how.inconsistency * torch.where(count > 1, (variance + VARIANCE_EPSILON).sqrt(), mean)
     weight = (count > 0).to(cost)
     window_cost, window_share = _window_mean((cost * weight)[:, 0], how.window), _window_mean(weight[:, 0], how.window)
     # Costs are averaged over the visible samples only, so that a hypothesis with fewer of them has no lower cost.
     visible = window_share > 0.1
     mean = torch.where(
-        visible, window_cost / window_share.clamp_min(1e-6) + how.penalty * steps.abs()[:, None, None], DEAREST
+        visible, window_cost / window_share.clamp_min(1e-6) + how.penalty * steps.abs()[:, None, None], INVISIBLE_COST
     )
     return torch.where(visible[how.hypotheses // 2], _refine_minimum(mean, steps), 0.0)[None]
 
 
 def _search_compiled(
-    z: Float[Tensor, "1 h w"], image: Float[Tensor, "3 h w"], seen: Sequence[_Seen], how: Search
+    z: Float[Tensor, "1 h w"], image: Float[Tensor, "3 h w"], seen: Sequence[_PreparedReference], how: Search
 ) -> Float[Tensor, "1 h w"]:
-    """Compiled version of `search`."""
-    from gaussian_enhancer.align.depth_search_kernels import find_costs, find_valleys
+    """Compiled version of `search_torch`."""
+    from gaussian_enhancer.align.depth_search_kernels import find_cost_minima, find_costs
     from gaussian_enhancer.splat.compiled import kernel_lock
 
     steps = np.linspace(-1, 1, how.hypotheses, dtype=np.float32)
@@ -200,16 +200,18 @@ def _search_compiled(
     )
     sizes = np.array([(item.projection.width, item.projection.height) for item in seen])
     with kernel_lock:
-        images, starts = _side_by_side(seen)
-        geometry = matrices, offsets, sizes, starts, np.float32(IN_FRONT)
+        images, starts = _pack_references(seen)
+        geometry = matrices, offsets, sizes, starts, np.float32(MIN_RELATIVE_Z)
         colours = images, kernel_image(torch.cat([item.counts for item in seen])), _interleaved_channels(image)
-        cost_settings = np.float32(how.inconsistency), np.float32(TINY), cost, weight
+        cost_settings = np.float32(how.inconsistency), np.float32(VARIANCE_EPSILON), cost, weight
         find_costs(kernel_image(z[0]), multipliers, *geometry, *colours, *cost_settings)
-        find_valleys(cost, weight, steps, np.float32(how.penalty), np.float32(DEAREST), how.window // 2, best)
+        find_cost_minima(
+            cost, weight, steps, np.float32(how.penalty), np.float32(INVISIBLE_COST), how.window // 2, best
+        )
     return torch.from_numpy(best)[None]
 
 
-def _side_by_side(seen: Sequence[_Seen]) -> tuple[np.ndarray, np.ndarray]:
+def _pack_references(seen: Sequence[_PreparedReference]) -> tuple[np.ndarray, np.ndarray]:
     """Pack all references' pixels in the target's colours, with photo and render as six channels; return the offsets.
 
     Each reference is followed by an extra row and pixel, since the kernel reads them, with weight zero, at the border.
@@ -233,21 +235,21 @@ def _prepare_source(
     image: Float[Tensor, "3 h w"],
     source: Source,
     how: Search,
-) -> _Seen:
+) -> _PreparedReference:
     """Prepare a reference: resize it to at most the target's resolution, and fit its colours at the rendered depth."""
     ratio = float(source.camera.resized(*source.photo.shape[-2:]).K[0, 0] / target.K[0, 0])
     height, width = (max(1, round(side / max(1.0, ratio))) for side in source.photo.shape[-2:])
     photo = _resized(source.photo.to(image.dtype), height, width)
     render = photo if source.render is None else _resized(source.render.to(image.dtype), height, width)
     projection = ReferenceProjection.between(target, source.camera.resized(height, width), z).with_stride(how.stride)
-    landing = land(projection, z)
-    sampled = read_at(render, landing, (height, width), landing.inside)
+    landing = project_pixels(projection, z)
+    sampled = sample_projected(render, landing, (height, width), landing.inside)
     colours = fit_colour(sampled, image, landing.inside).to(photo)
     counts = landing.inside
     if how.photo_consistency is not None:
         fitted = Warped(_apply_colours(sampled, colours), counts)
         counts = counts * (photometric_difference(fitted, image) < how.photo_consistency)
-    return _Seen(projection, photo, render, colours, counts)
+    return _PreparedReference(projection, photo, render, colours, counts)
 
 
 def _apply_colours(image: Float[Tensor, "*m 3 _ _"], colours: Float[Tensor, "3 2"]) -> Float[Tensor, "*m 3 _ _"]:

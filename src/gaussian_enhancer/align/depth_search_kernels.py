@@ -1,4 +1,4 @@
-"""Compiled depth search around a rendered surface: the same as `depth_search.search`, with less memory traffic.
+"""Compiled depth search around a rendered surface: the same as `depth_search.search_torch`, with less memory traffic.
 
 Axes: h height, w width, m multipliers of depth. Images are (h, w, channels) float32 here. Costs are (h, w, m), so that
 the hypotheses of a pixel are contiguous and processed as one vector.
@@ -64,7 +64,7 @@ def find_costs(
         for x in range(width):
             for r in range(views):
                 position = _F(x) + _HALF, _F(y) + _HALF
-                _write_landings(
+                _write_projections(
                     depth[y, x], multipliers, matrices[r], offsets[r], position, sizes[r], starts[r], in_front,
                     counts[r, y, x], pixel[r], across[r], down[r], inside[r],
                 )  # fmt: skip
@@ -98,7 +98,7 @@ def find_costs(
 
 @inner
 @no_type_check
-def _write_landings(
+def _write_projections(
     depth, multipliers, matrix, offset, position, size, start, in_front, counts, pixel, across, down, inside
 ):
     """Write the projection of each hypothesis: upper left pixel, fractional offset from it, and whether inside."""
@@ -132,7 +132,7 @@ def _interpolate_channel(images, p, q, channel, fx, fy):
 
 @kernel
 @no_type_check
-def find_valleys(cost, weight, steps, penalty, dearest, radius, best):
+def find_cost_minima(cost, weight, steps, penalty, dearest, radius, best):
     """Average costs over windows; write each pixel's step of least cost, refined by a parabola; 0 if not visible."""
     height, width, count = cost.shape
     for y in prange(height):

@@ -15,13 +15,13 @@ from gaussian_enhancer.align.projection import can_use_kernels, kernel_image
 
 STEPS = (4, 2)
 """Pixels between the 5x5 samples of each pass, as in the a-trous transform, from the widest pass to the narrowest."""
-REACH = 2
+WINDOW_RADIUS = 2
 """Number of samples on each side of a pixel."""
-SPREAD = 0.03
+DEPTH_TOLERANCE = 0.03
 """Relative difference of inverse depth at which a sample's weight falls to 1/4; larger ones mean another surface."""
-CONTRAST = 0.1
+COLOUR_TOLERANCE = 0.1
 """Mean colour difference, in [0, 1], at which a sample's weight falls to 1/2."""
-FURTHEST = 1e6
+MAX_DEPTH_RATIO = 1e6
 """Samples closer to the camera than the pixel by more than this factor have almost no weight; clamping keeps products
 finite."""
 RIDGE = 1e-3
@@ -42,7 +42,7 @@ def smooth_depth(depth: Float[Tensor, "1 h w"], render: Float[Tensor, "3 h w"]) 
         render: colours of the same view, [0, 1].
     """
     for step in STEPS:
-        margin = (REACH * step,) * 4
+        margin = (WINDOW_RADIUS * step,) * 4
         padded, colours = (F.pad(image[None], margin, mode="replicate")[0] for image in (depth, render.to(depth)))
         fit = _fit_planes_compiled if can_use_kernels(padded, colours) else fit_planes_torch
         depth = depth / (1 + fit(padded, colours, step))
@@ -59,7 +59,7 @@ def fit_planes_torch(
         render: colours, with the same margin.
         step: pixels between samples.
     """
-    margin = REACH * step
+    margin = WINDOW_RADIUS * step
     height, width = (side - 2 * margin for side in depth.shape[-2:])
 
     def at(image: Tensor, dy: int, dx: int) -> Tensor:
@@ -68,11 +68,11 @@ def fit_planes_torch(
 
     centre, colour = at(depth, 0, 0), at(render, 0, 0)
     sums = [torch.zeros_like(centre) for _ in range(9)]
-    for dy in range(-REACH, REACH + 1):
-        for dx in range(-REACH, REACH + 1):
-            offset = (centre / at(depth, dy, dx) - 1).clamp_max(FURTHEST)
-            contrast = (at(render, dy, dx) - colour).abs().mean(0, keepdim=True) / CONTRAST
-            weight = 1 / ((1 + (offset / SPREAD) ** 2) ** 2 * (1 + contrast**2))
+    for dy in range(-WINDOW_RADIUS, WINDOW_RADIUS + 1):
+        for dx in range(-WINDOW_RADIUS, WINDOW_RADIUS + 1):
+            offset = (centre / at(depth, dy, dx) - 1).clamp_max(MAX_DEPTH_RATIO)
+            contrast = (at(render, dy, dx) - colour).abs().mean(0, keepdim=True) / COLOUR_TOLERANCE
+            weight = 1 / ((1 + (offset / DEPTH_TOLERANCE) ** 2) ** 2 * (1 + contrast**2))
             terms: tuple[Any, ...] = (1, dx, dy, dx * dx, dx * dy, dy * dy, offset, dx * offset, dy * offset)
             sums = [total + weight * term for total, term in zip(sums, terms, strict=True)]
     count, x, y, xx, xy, yy, p, xp, yp = sums
@@ -90,9 +90,11 @@ def _fit_planes_compiled(
     from gaussian_enhancer.align.depth_smoothing_kernels import fit_planes
     from gaussian_enhancer.splat.compiled import kernel_lock
 
-    height, width = (side - 2 * REACH * step for side in depth.shape[-2:])
+    height, width = (side - 2 * WINDOW_RADIUS * step for side in depth.shape[-2:])
     result = depth.new_empty(1, height, width)
-    constants = (np.float32(value) for value in (1 / SPREAD, 1 / (3 * CONTRAST), RIDGE, FURTHEST))
+    constants = (
+        np.float32(value) for value in (1 / DEPTH_TOLERANCE, 1 / (3 * COLOUR_TOLERANCE), RIDGE, MAX_DEPTH_RATIO)
+    )
     with kernel_lock:
-        fit_planes(kernel_image(depth[0]), kernel_image(render), step, REACH, *constants, result[0].numpy())
+        fit_planes(kernel_image(depth[0]), kernel_image(render), step, WINDOW_RADIUS, *constants, result[0].numpy())
     return result

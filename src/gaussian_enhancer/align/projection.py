@@ -18,7 +18,7 @@ from torch import Tensor
 
 from gaussian_enhancer.types import Camera
 
-IN_FRONT = 1e-6
+MIN_RELATIVE_Z = 1e-6
 """Least z in a reference's camera, relative to the depth in the target, since scenes have no common unit."""
 
 
@@ -76,7 +76,7 @@ class ReferenceProjection:
 
 
 @dataclass(frozen=True)
-class Landing:
+class ProjectedPixels:
     """Positions of projected pixels in a reference.
 
     Args:
@@ -90,7 +90,7 @@ class Landing:
     inside: Float[Tensor, "m h w"]
 
 
-def land(projection: ReferenceProjection, depth: Float[Tensor, "m h w"]) -> Landing:
+def project_pixels(projection: ReferenceProjection, depth: Float[Tensor, "m h w"]) -> ProjectedPixels:
     """Project pixels at one depth, or at several depths.
 
     Args:
@@ -98,15 +98,15 @@ def land(projection: ReferenceProjection, depth: Float[Tensor, "m h w"]) -> Land
         depth: z of the target, positive and finite.
     """
     if len(depth) != 1 or not can_use_kernels(depth):
-        x, y, _, inside = _landing(projection, depth)
-        return Landing(x, y, inside.to(depth.dtype))
-    from gaussian_enhancer.align.reproject_kernels import land as kernel
+        x, y, _, inside = _project_pixels(projection, depth)
+        return ProjectedPixels(x, y, inside.to(depth.dtype))
+    from gaussian_enhancer.align.reproject_kernels import project_pixels as kernel
     from gaussian_enhancer.splat.compiled import kernel_lock
 
     x, y, inside = (torch.empty_like(depth, memory_format=torch.contiguous_format) for _ in range(3))
     with kernel_lock:
         kernel(kernel_image(depth[0]), *kernel_projection(projection), x[0].numpy(), y[0].numpy(), inside[0].numpy())
-    return Landing(x, y, inside)
+    return ProjectedPixels(x, y, inside)
 
 
 def depth_consistency(
@@ -121,19 +121,19 @@ def depth_consistency(
         tolerance: relative depth difference of one standard deviation, > 0.
     """
     if not can_use_kernels(depth, seen):
-        x, y, z, _ = _landing(projection, depth)
+        x, y, z, _ = _project_pixels(projection, depth)
         rows, columns = seen.shape[-2:]
         sampled_depth = sample_image(seen, x * (columns / projection.width), y * (rows / projection.height), "nearest")[
             :, 0
         ]
         difference = (z - sampled_depth) / (tolerance * z.clamp_min(torch.finfo(z.dtype).tiny))
         return torch.where(sampled_depth > 0, torch.exp(-0.5 * difference**2), 1.0)
-    from gaussian_enhancer.align.reproject_kernels import check
+    from gaussian_enhancer.align.reproject_kernels import depth_agreement
     from gaussian_enhancer.splat.compiled import kernel_lock
 
     result = torch.empty_like(depth, memory_format=torch.contiguous_format)
     with kernel_lock:
-        check(
+        depth_agreement(
             kernel_image(depth[0]),
             *kernel_projection(projection),
             kernel_image(seen[0]),
@@ -143,33 +143,33 @@ def depth_consistency(
     return result
 
 
-def read_both(
+def sample_projected_pair(
     image: Float[Tensor, "3 p q"],
     other: Float[Tensor, "3 _ _"],
-    landing: Landing,
+    landing: ProjectedPixels,
     size: tuple[int, int],
     where: Float[Tensor, "1 h w"],
     interpolation: Interpolation = "bilinear",
 ) -> tuple[Float[Tensor, "3 h w"], Float[Tensor, "3 h w"]]:
-    """Apply `read_at` to two images; images of the same size are sampled together by bicubic interpolation."""
+    """Apply `sample_projected` to two images; images of the same size are sampled together by bicubic interpolation."""
     together = interpolation == "bicubic" and image.shape == other.shape
     if not (together and can_use_kernels(image, other, landing.x, where)):
-        first, second = (read_at(source, landing, size, where, interpolation) for source in (image, other))
+        first, second = (sample_projected(source, landing, size, where, interpolation) for source in (image, other))
         return first, second
-    from gaussian_enhancer.align.reproject_kernels import read_cubic_pair
+    from gaussian_enhancer.align.reproject_kernels import sample_bicubic_pair
     from gaussian_enhancer.splat.compiled import kernel_lock
 
     down, across = (np.float32(side / whole) for side, whole in zip(image.shape[-2:], size, strict=True))
     first, second = (image.new_empty(len(image), *where.shape[-2:]) for _ in range(2))
     positions = kernel_image(landing.x[0]), kernel_image(landing.y[0]), across, down, kernel_image(where[0])
     with kernel_lock:
-        read_cubic_pair(kernel_image(image), kernel_image(other), *positions, first.numpy(), second.numpy())
+        sample_bicubic_pair(kernel_image(image), kernel_image(other), *positions, first.numpy(), second.numpy())
     return first, second
 
 
-def read_at(
+def sample_projected(
     image: Float[Tensor, "c p q"] | UInt8[Tensor, "c p q"],
-    landing: Landing,
+    landing: ProjectedPixels,
     size: tuple[int, int],
     where: Float[Tensor, "1 h w"],
     interpolation: Interpolation = "bilinear",
@@ -191,13 +191,13 @@ def read_at(
         values = image.to(landing.x) if eight_bit else image
         samples = sample_image(values, landing.x * across, landing.y * down, interpolation)[0]
         return (samples if interpolation == "bilinear" else samples.clamp(0, 1)) * (where > 0)
-    from gaussian_enhancer.align.reproject_kernels import read, read_cubic
+    from gaussian_enhancer.align.reproject_kernels import sample_bicubic, sample_bilinear
     from gaussian_enhancer.splat.compiled import kernel_lock
 
     result = where.new_empty(len(image), *where.shape[-2:])
     positions = kernel_image(landing.x[0]), kernel_image(landing.y[0]), np.float32(across), np.float32(down)
     with kernel_lock:
-        kernel = read if interpolation == "bilinear" else read_cubic
+        kernel = sample_bilinear if interpolation == "bilinear" else sample_bicubic
         kernel(kernel_image(image), *positions, kernel_image(where[0]), result.numpy())
     return result
 
@@ -240,14 +240,16 @@ def kernel_projection(
 ) -> tuple[np.ndarray, np.ndarray, np.float32, np.float32, np.float32]:
     """Arguments of the kernels: matrix, offset, width and height of the reference, and least z relative to depth."""
     matrix, offset = (value.detach().float().contiguous().numpy() for value in (projection.matrix, projection.offset))
-    return matrix, offset, np.float32(projection.width), np.float32(projection.height), np.float32(IN_FRONT)
+    return matrix, offset, np.float32(projection.width), np.float32(projection.height), np.float32(MIN_RELATIVE_Z)
 
 
-def _landing(projection: ReferenceProjection, depth: Float[Tensor, "m h w"]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def _project_pixels(
+    projection: ReferenceProjection, depth: Float[Tensor, "m h w"]
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Project pixels at a depth: columns, rows and z in the reference, and whether inside and in front."""
     slopes, offset = projection.slopes(*depth.shape[-2:]), projection.offset
     z = depth * slopes[2] + offset[2]
-    in_front = z > IN_FRONT * depth
+    in_front = z > MIN_RELATIVE_Z * depth
     divisor = torch.where(in_front, z, torch.ones_like(z))
     x, y = ((depth * slopes[axis] + offset[axis]) / divisor for axis in (0, 1))
     inside = (x >= 0) & (x <= projection.width) & (y >= 0) & (y <= projection.height) & in_front

@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
-from gaussian_enhancer.align.alignment import Aligned, Pixels, Reprojected, Warp
+from gaussian_enhancer.align.alignment import AlignedReferences, LoadedView, Reprojected, Warp
 from gaussian_enhancer.align.depth_normalisation import depth_unit
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.neighbours import rank_references
@@ -47,29 +47,29 @@ class ReferenceConfig:
         """Whether references can be aligned to a target. Warping requires the target's camera and depth."""
         return not isinstance(self.warp, Reprojected) or (view.camera is not None and view.read_depth is not None)
 
-    def nearest(self, target: Pixels, view: RenderedView, pool: "Pool") -> tuple[int, ...]:
+    def nearest_candidates(self, target: LoadedView, view: RenderedView, pool: "ReferencePool") -> tuple[int, ...]:
         """Indices of the pool's candidate references for a target, nearest first."""
         if not self.references:
             return ()
         return rank_references(view, pool.views, self.candidates, depth=target.depth)
 
     def align(
-        self, target: Pixels, view: RenderedView, pool: "Pool", candidates: Sequence[int] | None = None
-    ) -> Aligned:
+        self, target: LoadedView, view: RenderedView, pool: "ReferencePool", candidates: Sequence[int] | None = None
+    ) -> AlignedReferences:
         """Align the best references of a pool to the target's grid, on the target's device.
 
         Args:
             target: pixels of the target.
             view: the target, which is never used as its own reference.
             pool: pool of references.
-            candidates: indices of the candidates in the pool, nearest first; None selects them by `nearest`.
+            candidates: indices of the candidates in the pool, nearest first; None selects them by `nearest_candidates`.
         """
-        indices = self.nearest(target, view, pool) if candidates is None else tuple(candidates)
+        indices = self.nearest_candidates(target, view, pool) if candidates is None else tuple(candidates)
         device = target.image.device
         return self.warp(target, [pool.read(index, self.fine).to_device(device) for index in indices], self.references)
 
 
-class Pool:
+class ReferencePool:
     """The references of a set, with a cache of the pixels read last, since targets share references.
 
     Args:
@@ -79,10 +79,10 @@ class Pool:
 
     def __init__(self, views: Sequence[RenderedView], capacity: int = 24) -> None:
         self.views = tuple(views)
-        self._kept: Callable[[int, bool], Pixels] = lru_cache(maxsize=capacity)(self._read)
-        self._kept_fine: Callable[[int], Tensor] = lru_cache(maxsize=-(-capacity // 4))(self._read_fine)
+        self._read_cached: Callable[[int, bool], LoadedView] = lru_cache(maxsize=capacity)(self._read)
+        self._read_fine_cached: Callable[[int], Tensor] = lru_cache(maxsize=-(-capacity // 4))(self._read_fine)
 
-    def read(self, index: int, fine: bool = False) -> Pixels:
+    def read(self, index: int, fine: bool = False) -> LoadedView:
         """Read the pixels of a reference; with ``fine``, its finer photo can be read as well.
 
         Finer photos are rounded to 8 bits; the cache holds a quarter as many of them.
@@ -90,7 +90,7 @@ class Pool:
         Raises:
             InputError: there is no photo, or no finer photo, or a file is damaged.
         """
-        return self._kept(index, fine)
+        return self._read_cached(index, fine)
 
     def _read_fine(self, index: int) -> UInt8[Tensor, "3 _ _"]:
         read_photo = self.views[index].read_fine_photo
@@ -98,7 +98,7 @@ class Pool:
             raise ValueError(f"reference {index} has no fine photo")
         return torch.stack([channel.mul(255).round_().clamp_(0, 255).byte() for channel in read_photo()])
 
-    def _read(self, index: int, fine: bool) -> Pixels:
+    def _read(self, index: int, fine: bool) -> LoadedView:
         view = self.views[index]
         if view.read_photo is None:
             raise InputError(view.name, "has no photo to refer to", "give the photo, or leave the view out")
@@ -106,11 +106,11 @@ class Pool:
         render = view.read() if view.read is not None else None
         if fine and view.read_fine_photo is None:
             raise InputError(view.name, "has no photo finer than its render", "give photos 4 times as fine")
-        read_fine = partial(self._kept_fine, index) if fine else None
-        return Pixels(view.name, view.read_photo(), view.camera, depth, render=render, read_fine=read_fine)
+        read_fine = partial(self._read_fine_cached, index) if fine else None
+        return LoadedView(view.name, view.read_photo(), view.camera, depth, render=render, read_fine=read_fine)
 
 
-def read_target(view: RenderedView) -> Pixels:
+def read_target(view: RenderedView) -> LoadedView:
     """Read the pixels of a target.
 
     Raises:
@@ -125,10 +125,12 @@ def read_target(view: RenderedView) -> Pixels:
         if plane is not None and plane.shape[-2:] != image.shape[-2:]:
             sizes = [f"{p.shape[-1]}x{p.shape[-2]}" for p in (plane, image)]
             raise InputError(view.name, f"has {plane_name} of {sizes[0]} for a render of {sizes[1]}", "render it again")
-    return Pixels(view.name, image, view.camera, depth, alpha)
+    return LoadedView(view.name, image, view.camera, depth, alpha)
 
 
-def join(target: Pixels, aligned: Aligned, unit: Float[Tensor, "1"] | None = None) -> NetworkInput:
+def build_network_input(
+    target: LoadedView, aligned: AlignedReferences, unit: Float[Tensor, "1"] | None = None
+) -> NetworkInput:
     """Build a batch of one for the network.
 
     Args:

@@ -13,19 +13,19 @@ from torch import Tensor
 
 from gaussian_enhancer.align.projection import (
     Interpolation,
-    Landing,
+    ProjectedPixels,
     ReferenceProjection,
     depth_consistency,
-    land,
-    read_at,
-    read_both,
+    project_pixels,
+    sample_projected,
+    sample_projected_pair,
 )
 from gaussian_enhancer.types import FARTHEST_DEPTH, Camera, usable_depth
 
 FAINTEST = 1 / 255
-FINER = 1.2
+DOWNSAMPLING_FOOTPRINT = 1.2
 """Footprint in photo pixels of a target pixel from which on a photo is downsampled before it is sampled."""
-SAMPLED = 2**12
+FOOTPRINT_SAMPLES = 2**12
 """Approximate number of pixels from which the footprint is estimated."""
 
 
@@ -109,7 +109,7 @@ def reproject(
     depth = depth.to(dtype)
     size = (photo.shape[-2], photo.shape[-1])
     projection = ReferenceProjection.between(target, reference.resized(*size), depth)
-    landing = land(projection, fill_depth(depth))
+    landing = project_pixels(projection, fill_depth(depth))
     visibility = landing.inside
     if alpha is None:
         visibility = visibility * usable_depth(depth)
@@ -123,9 +123,9 @@ def reproject(
     footprint = _median_footprint(landing) if footprint is None else footprint
     photo = _shrink_photo(photo, footprint, dtype)
     if render is None:
-        return Warped(read_at(photo, landing, size, visibility, interpolation), visibility)
+        return Warped(sample_projected(photo, landing, size, visibility, interpolation), visibility)
     render = _shrink_photo(render, footprint * render.shape[-1] / size[1], dtype)
-    colour, rendered = read_both(photo, render, landing, size, visibility, interpolation)
+    colour, rendered = sample_projected_pair(photo, render, landing, size, visibility, interpolation)
     return Warped(colour, visibility, rendered)
 
 
@@ -137,10 +137,10 @@ def footprint_between(target: Camera, depth: Float[Tensor, "1 h w"], reference: 
         depth: z of the target, positive and finite.
         reference: camera of the photo, with its size.
     """
-    return _median_footprint(land(ReferenceProjection.between(target, reference, depth), depth))
+    return _median_footprint(project_pixels(ReferenceProjection.between(target, reference, depth), depth))
 
 
-def _median_footprint(landing: Landing) -> float:
+def _median_footprint(landing: ProjectedPixels) -> float:
     """Median distance, in pixels of the reference, between the projections of neighbouring target pixels.
 
     The median is taken over some 4,000 evenly spread pixels.
@@ -148,7 +148,7 @@ def _median_footprint(landing: Landing) -> float:
     height, width = landing.x.shape[-2:]
     if min(height, width) < 2:
         return 1.0
-    step = max(1, math.isqrt(height * width // SAMPLED))
+    step = max(1, math.isqrt(height * width // FOOTPRINT_SAMPLES))
     here = (0, slice(0, height - 1, step), slice(0, width - 1, step))
     right, below = (here[0], here[1], slice(1, width, step)), (here[0], slice(1, height, step), here[2])
     (ax, ay), (bx, by) = ((landing.x[at] - landing.x[here], landing.y[at] - landing.y[here]) for at in (right, below))
@@ -160,7 +160,7 @@ def _shrink_photo(
     photo: Float[Tensor, "3 _ _"] | UInt8[Tensor, "3 _ _"], footprint: float, dtype: torch.dtype
 ) -> Float[Tensor, "3 _ _"] | UInt8[Tensor, "3 _ _"]:
     """The photo, downsampled with antialiasing to the resolution of sampling; else 8-bit photos stay 8-bit."""
-    if footprint < FINER:
+    if footprint < DOWNSAMPLING_FOOTPRINT:
         return photo if photo.dtype == torch.uint8 else photo.to(dtype)
     size = [max(1, round(side / footprint)) for side in photo.shape[-2:]]
     return F.interpolate(photo[None].to(dtype), size=size, mode="bilinear", antialias=True, align_corners=False)[0]

@@ -18,22 +18,22 @@ _TINY = _F(np.finfo(np.float32).tiny)
 
 @kernel
 @no_type_check
-def land(depth, matrix, offset, width, height, in_front, columns, rows, inside):
+def project_pixels(depth, matrix, offset, width, height, in_front, columns, rows, inside):
     """Write the projection of each pixel into a reference of ``width`` x ``height`` pixels, and 1 where inside."""
     for y in prange(depth.shape[0]):
         for x in range(depth.shape[1]):
-            u, v, _, ok = _landing(x, y, depth[y, x], matrix, offset, width, height, in_front)
+            u, v, _, ok = _project_pixel(x, y, depth[y, x], matrix, offset, width, height, in_front)
             columns[y, x], rows[y, x], inside[y, x] = u, v, _ONE if ok else _ZERO
 
 
 @kernel
 @no_type_check
-def check(depth, matrix, offset, width, height, in_front, seen, tolerance, result):
+def depth_agreement(depth, matrix, offset, width, height, in_front, seen, tolerance, result):
     """Write exp(-((z - z') / (tolerance z))^2 / 2), where z' is ``seen`` at the nearest pixel; 1 where z' is 0."""
     high, wide = seen.shape
     for y in prange(depth.shape[0]):
         for x in range(depth.shape[1]):
-            u, v, z, _ = _landing(x, y, depth[y, x], matrix, offset, width, height, in_front)
+            u, v, z, _ = _project_pixel(x, y, depth[y, x], matrix, offset, width, height, in_front)
             column = _nearest_pixel(u * (_F(wide) / width), wide)
             row = _nearest_pixel(v * (_F(high) / height), high)
             expected_depth = seen[row, column]
@@ -45,7 +45,7 @@ def check(depth, matrix, offset, width, height, in_front, seen, tolerance, resul
 
 @inner
 @no_type_check
-def _landing(x, y, depth, matrix, offset, width, height, in_front):
+def _project_pixel(x, y, depth, matrix, offset, width, height, in_front):
     """Column, row and z in the reference of a target pixel at a depth, and whether it is inside and in front."""
     a, b = _F(x) + _HALF, _F(y) + _HALF
     z = depth * (matrix[2, 0] * a + matrix[2, 1] * b + matrix[2, 2]) + offset[2]
@@ -65,7 +65,7 @@ def _nearest_pixel(position, count):
 
 @kernel
 @no_type_check
-def read(image, columns, rows, across, down, where, result):
+def sample_bilinear(image, columns, rows, across, down, where, result):
     """Sample an image bilinearly at (columns x across, rows x down); write 0 where ``where`` is not positive."""
     channels, high, wide = image.shape
     for y in prange(where.shape[0]):
@@ -118,8 +118,8 @@ def _four_samples(position, count):
 
 @kernel
 @no_type_check
-def read_cubic(image, columns, rows, across, down, where, result):
-    """As `read`, by cubic convolution clamped to [0, 1]; samples outside the image take the border's values."""
+def sample_bicubic(image, columns, rows, across, down, where, result):
+    """As `sample_bilinear`, by cubic convolution clamped to [0, 1]; samples outside the image take the border's values."""
     channels, high, wide = image.shape
     for y in prange(where.shape[0]):
         for x in range(where.shape[1]):
@@ -140,8 +140,8 @@ def read_cubic(image, columns, rows, across, down, where, result):
 
 @kernel
 @no_type_check
-def read_cubic_pair(first, second, columns, rows, across, down, where, one, other):
-    """`read_cubic` of two images of the same size, whose channels are interleaved and processed as one vector."""
+def sample_bicubic_pair(first, second, columns, rows, across, down, where, one, other):
+    """`sample_bicubic` of two images of the same size, whose channels are interleaved and processed as one vector."""
     channels, high, wide = first.shape
     pixels = np.zeros((high, wide, 8), np.float32)
     for y in prange(high):

@@ -27,7 +27,7 @@ from gaussian_enhancer.scene.photos import background_colour
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import Camera
 
-REASONS = ("depth", "references", "fine photos")
+WARNED_INPUTS = ("depth", "references", "fine photos")
 """Parts of the input whose absence causes a warning."""
 
 
@@ -72,7 +72,7 @@ class Enhancer:
         self.options = EnhancementOptions() if options is None else options
         self.reference_config = self.options.reference_config(pretrained, "expected")
         self._set_enhancer = self.options.enhancer(pretrained, self.reference_config, self.device)
-        self._kept = self._given = KnownReferences.of((), False)
+        self._added_references = self._call_references = KnownReferences.of((), False)
 
     @classmethod
     def from_pretrained(
@@ -103,7 +103,7 @@ class Enhancer:
     @property
     def references(self) -> tuple[Reference, ...]:
         """The references added so far, which are kept between calls."""
-        return self._kept.references
+        return self._added_references.references
 
     def add_reference(self, reference: Reference) -> None:
         """Add a reference for all later calls without an argument ``references``.
@@ -116,11 +116,13 @@ class Enhancer:
         Raises:
             InputError: the argument is not a `Reference`, or its name is taken.
         """
-        self._kept = KnownReferences.of((*self._kept.references, reference), self.reference_config.fine)
+        self._added_references = KnownReferences.of(
+            (*self._added_references.references, reference), self.reference_config.fine
+        )
 
     def clear_references(self) -> None:
         """Remove all added references, and all cached data of references."""
-        self._kept = self._given = KnownReferences.of((), False)
+        self._added_references = self._call_references = KnownReferences.of((), False)
 
     def __call__(
         self,
@@ -167,7 +169,7 @@ class Enhancer:
             config = EnhancementOptions(max_references=0).reference_config(self.pretrained, "expected")
         validated = validate_inputs(rendered, config, rules, self.scale, known.pool)
         if validated.missing_references:
-            reasons = [item.why for item in validated.parts if not item.used and item.name in REASONS]
+            reasons = [item.why for item in validated.parts if not item.used and item.name in WARNED_INPUTS]
             warnings.warn("; ".join(filter(None, reasons)), stacklevel=2)
         self._cache_references(known, validated)
         self._set_enhancer.reference_config = validated.reference_config
@@ -181,12 +183,12 @@ class Enhancer:
     def _known_references(self, references: Sequence[Reference] | None) -> KnownReferences:
         """The references of a call: those added, or the given ones, cached as long as calls pass the same objects."""
         if references is None:
-            return self._kept
+            return self._added_references
         if isinstance(references, Reference):
             raise InputError("references", "is one reference", "give a list: references=[reference]")
-        if not self._given.are_same(references):
-            self._given = KnownReferences.of(tuple(references), self.reference_config.fine)
-        return self._given
+        if not self._call_references.are_same(references):
+            self._call_references = KnownReferences.of(tuple(references), self.reference_config.fine)
+        return self._call_references
 
     def _target_views(
         self, images: Tensor, batch: bool, camera: Any, depth: Any, alpha: Any, name: Any

@@ -10,7 +10,7 @@ import torch
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.options import EnhancementOptions
-from gaussian_enhancer.infer.preload import file_reads
+from gaussian_enhancer.infer.preload import validation_reads
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.runs.enhancement import lost_references, prepare_enhancement, recover_missing_geometry
 from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos, high_resolution_values
@@ -105,7 +105,7 @@ def enhance_folder(
         task = recover_missing_geometry(task, pretrained, settings, Path(output) / "geometry")
     enhancer, task, validated = prepare_enhancement(pretrained, task, settings, target_device)
     planner = validated.planner(settings.rules)
-    for read_file in file_reads(validated, False, planner, False):
+    for read_file in validation_reads(validated, False, planner, False):
         read_file()
     for reason in filter(None, (task.note, *validated.missing_references, *lost_references(enhancer, task, validated))):
         warnings.warn(reason, stacklevel=2)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
-from gaussian_enhancer.align.references import Pool
+from gaussian_enhancer.align.references import ReferencePool
 from gaussian_enhancer.api.images import read_images, read_planes
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.planner import Planner
@@ -74,13 +74,13 @@ class KnownReferences:
 
     references: tuple[Reference, ...]
     views: tuple[RenderedView, ...]
-    pool: Pool = field(init=False)
+    pool: ReferencePool = field(init=False)
     planner: Planner | None = None
     features: ReferenceFeatures | None = None
     depth_fits: bool = False
 
     def __post_init__(self) -> None:
-        self.pool = Pool(self.views)
+        self.pool = ReferencePool(self.views)
 
     @classmethod
     def of(cls, references: Sequence[Reference], fine: bool) -> "KnownReferences":

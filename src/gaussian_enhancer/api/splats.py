@@ -7,7 +7,7 @@ from typing import Any
 from gaussian_enhancer.checkpoint import find_checkpoint
 from gaussian_enhancer.distil.prune import PruneSettings
 from gaussian_enhancer.distil.settings import DistilSettings
-from gaussian_enhancer.distil.task import distil_task, enhancer_of_new_views, improve_splat, read_given_splat
+from gaussian_enhancer.distil.task import distil_task, enhancer_of_new_views, find_splat_and_capture, improve_splat
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.runs.runtime import choose_device
@@ -67,7 +67,7 @@ def distil_splat(
     enhancement_options = EnhancementOptions(**{"plan": "full", **options})
     if run is None and isinstance(scene, str | Path):
         scene = open_capture(scene, downscale=downscale)
-    splat, capture = read_given_splat(run, gaussians, scene if isinstance(scene, Scene) else None)
+    splat, capture = find_splat_and_capture(run, gaussians, scene if isinstance(scene, Scene) else None)
     task = distil_task(splat, capture, distil_settings, prune, method=method, device=target_device)
     enhancer, provenance = None, f"{file_digest(splat)}, {prune}"
     if task.makes_views:

@@ -20,7 +20,7 @@ from gaussian_enhancer.runs.run import Run, open_run
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.splat.fit.checkpoint import discard_checkpoint
 from gaussian_enhancer.splat.fit.export import export_splat, export_views
-from gaussian_enhancer.splat.io.small_files import ENDINGS, write_small
+from gaussian_enhancer.splat.io.small_files import ENDINGS, write_compressed
 
 
 def run(cfg: DictConfig) -> float | None:
@@ -80,7 +80,7 @@ def _run_distillation(
         export_views(job.folder, task.capture, splat, task.renderer.method, number)
     export_splat(job.folder, task.capture, gaussians)
     if cfg.format != "ply":
-        write_small(job.folder / f"splat{ENDINGS[cfg.format]}", gaussians, cfg.format)
+        write_compressed(job.folder / f"splat{ENDINGS[cfg.format]}", gaussians, cfg.format)
     discard_checkpoint(job.folder)
     write_fit_records(job, task.capture, task.renderer.method.name, (0, step), seconds, len(gaussians))
     job.finish()

@@ -10,17 +10,17 @@ from lightning.pytorch.strategies import DDPStrategy
 from omegaconf import DictConfig
 from torch.utils.data import DataLoader
 
-from gaussian_enhancer.align.references import Pool
-from gaussian_enhancer.infer.enhancer import Enhanced, SetEnhancer
+from gaussian_enhancer.align.references import ReferencePool
+from gaussian_enhancer.infer.enhancer import EnhancedView, SetEnhancer
 from gaussian_enhancer.infer.plan import Plan
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.runs.enhancement import load_enhancement
-from gaussian_enhancer.runs.output import write_one
+from gaussian_enhancer.runs.output import write_enhanced_view
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.train.processes import launch
 from gaussian_enhancer.train.share import gather
-from gaussian_enhancer.train.trainer import quieten, stopped_by_ctrl_c
+from gaussian_enhancer.train.trainer import raise_interrupt, silence_lightning
 
 
 class Prediction(LightningModule):
@@ -38,8 +38,8 @@ class Prediction(LightningModule):
     ) -> None:
         super().__init__()
         self.enhancer, self.rendered, self.folder, self.planner = enhancer, rendered, folder, planner
-        self.pool = Pool(rendered.references)  # references stay in memory for the following views
-        self.written: list[Enhanced] = []
+        self.pool = ReferencePool(rendered.references)  # references stay in memory for the following views
+        self.written: list[EnhancedView] = []
 
     def predict_step(self, batch: int, index: int) -> None:
         """Enhance and write a view.
@@ -50,7 +50,7 @@ class Prediction(LightningModule):
         """
         view = replace(self.rendered, targets=(self.rendered.targets[int(batch)],))
         (enhanced,) = self.enhancer(view, self.planner, self.pool)
-        write_one(enhanced, self.folder, view.targets[0], self.enhancer.network.scale)
+        write_enhanced_view(enhanced, self.folder, view.targets[0], self.enhancer.network.scale)
         # Keep no inference tensors, and little enough for a pipe: no pixels, and no plans, which the caller has.
         self.written.append(replace(enhanced, image=torch.empty(3, 0, 0), plan=None))
 
@@ -62,7 +62,7 @@ def enhance_part(
     count: int,
     progress: bool,
     planner: Planner | None = None,
-) -> list[Enhanced]:
+) -> list[EnhancedView]:
     """Enhance this process's part of a set's targets and write the images.
 
     Lightning distributes the views among the processes: each view is enhanced exactly once.
@@ -78,7 +78,7 @@ def enhance_part(
     Returns:
         All views, those of the other processes included, in the set's order, without their pixels and plans.
     """
-    quieten()
+    silence_lightning()
     trainer = Trainer(
         accelerator=enhancer.device.type,
         devices=count,
@@ -90,13 +90,15 @@ def enhance_part(
     )
     module = Prediction(enhancer, rendered, folder, planner)
     views: DataLoader[int] = DataLoader(range(len(rendered.targets)), batch_size=None)  # type: ignore[arg-type]
-    with stopped_by_ctrl_c(trainer):
+    with raise_interrupt(trainer):
         trainer.predict(module, views, return_predictions=False)
     enhanced_views = {enhanced.name: enhanced for enhanced in gather(module.written)}
     return [enhanced_views[view.name] for view in rendered.targets]
 
 
-def enhance_in_processes(folder: Path, plan: Plan, cfg: DictConfig, accelerator: str, processes: int) -> list[Enhanced]:
+def enhance_in_processes(
+    folder: Path, plan: Plan, cfg: DictConfig, accelerator: str, processes: int
+) -> list[EnhancedView]:
     """Enhance a set in several processes by a finished plan.
 
     Args:
@@ -112,11 +114,11 @@ def enhance_in_processes(folder: Path, plan: Plan, cfg: DictConfig, accelerator:
     Raises:
         InputError: a process refuses its input.
     """
-    enhanced_views: list[Enhanced] = launch(_enhance_part, cfg, accelerator, processes, folder, plan, processes)
+    enhanced_views: list[EnhancedView] = launch(_enhance_part, cfg, accelerator, processes, folder, plan, processes)
     return enhanced_views
 
 
-def _enhance_part(cfg: DictConfig, folder: Path, plan: Plan, processes: int) -> list[Enhanced]:
+def _enhance_part(cfg: DictConfig, folder: Path, plan: Plan, processes: int) -> list[EnhancedView]:
     """Enhance one process's part of the views."""
     device = start(cfg.runtime)
     device = torch.device("cuda", int(os.environ["LOCAL_RANK"])) if device.type == "cuda" else device

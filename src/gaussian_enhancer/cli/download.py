@@ -15,8 +15,8 @@ from gaussian_enhancer.runs.instantiate import plain_values, require
 from gaussian_enhancer.scene.checksum import check_archive
 from gaussian_enhancer.scene.datasets import Archive, Dataset, dataset_of
 from gaussian_enhancer.scene.extract import unpack
-from gaussian_enhancer.scene.fetch import Patience, fetch
-from gaussian_enhancer.scene.wanted import Wanted, checksum_note, listing, needed_archives, wanted_scenes
+from gaussian_enhancer.scene.fetch import RetrySettings, fetch
+from gaussian_enhancer.scene.wanted import RequestedScene, checksum_note, listing, needed_archives, requested_scenes
 
 
 def output_path(cfg: DictConfig) -> Path | None:
@@ -36,7 +36,7 @@ def run(cfg: DictConfig) -> None:
     require(cfg)
     dataset = dataset_of(plain_values(cfg.dataset))
     folder = Path(cfg.folder).expanduser()
-    wanted = wanted_scenes(dataset, folder, _names(cfg, "scenes"), _names(cfg, "images"))
+    wanted = requested_scenes(dataset, folder, _names(cfg, "scenes"), _names(cfg, "images"))
     for line in listing(dataset, folder, wanted):
         print(line)
     if cfg.dry_run:
@@ -60,7 +60,7 @@ def _fetch(cfg: DictConfig, dataset: Dataset, archive: Archive, path: Path, prog
         check_archive(archive, path, path)
         return
     task = progress.add_task(archive.file, total=archive.bytes)
-    patience = Patience(retries=cfg.retries, timeout=cfg.timeout)
+    patience = RetrySettings(retries=cfg.retries, timeout=cfg.timeout)
     digest = fetch(
         archive,
         path,
@@ -71,8 +71,8 @@ def _fetch(cfg: DictConfig, dataset: Dataset, archive: Archive, path: Path, prog
     print_line(progress.console, f"{path}: SHA-256 {digest}, {checksum_note(archive)}")
 
 
-def _unpack(entry: Wanted, name: str, archive: Path, progress: Progress) -> None:
-    task = progress.add_task(name, total=None, visible=bool(entry.absent))
+def _unpack(entry: RequestedScene, name: str, archive: Path, progress: Progress) -> None:
+    task = progress.add_task(name, total=None, visible=bool(entry.missing_parts))
     unpack(archive, entry.parts, entry.folder, lambda done, total: progress.update(task, completed=done, total=total))
 
 

@@ -11,15 +11,15 @@ from rich.progress import track
 
 from gaussian_enhancer.console import hides_progress, print_line
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.enhancer import Enhanced
+from gaussian_enhancer.infer.enhancer import EnhancedView
 from gaussian_enhancer.infer.plan import Plan
-from gaussian_enhancer.infer.preload import file_reads
-from gaussian_enhancer.infer.time_budget import within_budget
+from gaussian_enhancer.infer.preload import validation_reads
+from gaussian_enhancer.infer.time_budget import apply_budget
 from gaussian_enhancer.metrics.records import write_records
 from gaussian_enhancer.runs.compose import compose_job
 from gaussian_enhancer.runs.enhancement import effective_options, load_enhancement, lost_references, process_count
 from gaussian_enhancer.runs.instantiate import build
-from gaussian_enhancer.runs.output import cost_records, keep_sources, write_enhanced
+from gaussian_enhancer.runs.output import cost_records, write_enhanced, write_sources
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
 
@@ -50,12 +50,12 @@ def run(cfg: DictConfig) -> float | None:
     count = process_count(cfg)
     if cfg.distil:
         cfg = _with_distilled_splat(cfg)
-    cfg = within_budget(cfg, load_enhancement, start(cfg.runtime), console)
+    cfg = apply_budget(cfg, load_enhancement, start(cfg.runtime), console)
     enhancer, task, validated = load_enhancement(cfg, start(cfg.runtime))
     rules = build(cfg.plan)
     planner = validated.planner(rules)
     progress_hidden = hides_progress(cfg, console)
-    reads = file_reads(validated, not cfg.output, planner, cfg.dry_run)
+    reads = validation_reads(validated, not cfg.output, planner, cfg.dry_run)
     for read_file in track(reads, "reading", console=console, disable=progress_hidden):
         read_file()
     plan = Plan(task.rendered.name, rules, validated.parts, () if planner is None else tuple(planner.known.values()))
@@ -66,7 +66,7 @@ def run(cfg: DictConfig) -> float | None:
     if cfg.dry_run:
         return None
 
-    def written_to(folder: Path) -> list[Enhanced]:
+    def written_to(folder: Path) -> list[EnhancedView]:
         total = len(task.rendered.targets)
         if min(count, total) > 1:
             from gaussian_enhancer.cli.distributed_enhance import enhance_in_processes  # loads lightning
@@ -81,7 +81,7 @@ def run(cfg: DictConfig) -> float | None:
     job = open_run(effective_options(cfg), "enhance", task.rendered.name)
     step_folder = job.folder / "test" / f"ours_{task.step}"
     enhanced_views = written_to(step_folder / "enhanced")
-    keep_sources(task.rendered, step_folder, enhancer.network.scale)
+    write_sources(task.rendered, step_folder, enhancer.network.scale)
     write_records(job.folder / "records.jsonl", cost_records(enhanced_views, job.folder.name, task))
     view_plans = tuple(
         view.plan for view in enhanced_views if view.plan is not None
@@ -120,7 +120,7 @@ def _print_lines(lines: Sequence[str], console: Console) -> None:
         print_line(console, line)
 
 
-def _print_summary(written: Sequence[Enhanced], folder: Path, console: Console) -> float:
+def _print_summary(written: Sequence[EnhancedView], folder: Path, console: Console) -> float:
     """Print the images' folder and the run times; return the network's median time in milliseconds."""
     network_ms = statistics.median(view.enhancing for view in written)
     preparation_ms = statistics.median(view.preparing for view in written)

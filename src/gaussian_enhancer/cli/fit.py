@@ -13,7 +13,7 @@ from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.scene import Scene
 from gaussian_enhancer.splat.fit.fit import fit
-from gaussian_enhancer.splat.fit.progress import waiting
+from gaussian_enhancer.splat.fit.progress import waiting_bar
 from gaussian_enhancer.splat.fit.settings import FitSettings
 from gaussian_enhancer.splat.fit.stopwatch import Stopwatch
 from gaussian_enhancer.splat.methods import Method
@@ -32,7 +32,7 @@ def run(cfg: DictConfig) -> float | None:
         InputError: the scene cannot be read, a setting is out of range, or a file cannot be written.
     """
     device = start(cfg.runtime)
-    with waiting("scene", cfg.runtime.progress):
+    with waiting_bar("scene", cfg.runtime.progress):
         scene: Scene = build(cfg.scene)
     method: Method = build(cfg.splat)
     settings: FitSettings = build(cfg.settings)

@@ -8,7 +8,7 @@ from hydra.errors import MissingConfigException, OverrideParseException
 from gaussian_enhancer.errors import InputError
 
 
-class WithoutOverrides:
+class OverridesFilter:
     """A stream that drops one line of Hydra: the list of all overrides, which precedes the error of a job.
 
     Args:
@@ -28,13 +28,13 @@ class WithoutOverrides:
         return getattr(self.stream, name)
 
 
-def raised_by_hydra(error: BaseException) -> bool:
+def is_hydra_error(error: BaseException) -> bool:
     """Whether an error was raised in Hydra's internal code, which composes configurations."""
     frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
     return bool(frames) and str(frames[-1].f_globals.get("__name__")).startswith("hydra._internal")
 
 
-def refusal(error: Exception, job: str) -> InputError:
+def to_input_error(error: Exception, job: str) -> InputError:
     """Convert Hydra's error about a command line to an `InputError`.
 
     Args:

@@ -21,7 +21,7 @@ from typing import Any, cast
 
 from gaussian_enhancer.configurations import configurations
 from gaussian_enhancer.errors import INTERRUPTED, InputError, LostProcessError
-from gaussian_enhancer.files import unwritable
+from gaussian_enhancer.files import to_write_error
 
 JOBS = {
     "demo": "one procedural scene, start to finish: fit, enhance, measure, report",
@@ -50,7 +50,18 @@ JOBS = {
     "download": "fetch the paper's datasets: resumed, checked, only what is asked for",
 }
 
-LAB = ("quality", "tradeoff", "stability", "plan_study", "ibgs", "tables", "status", "dashboard", "pages", "fresh")
+SUITE_JOBS = (
+    "quality",
+    "tradeoff",
+    "stability",
+    "plan_study",
+    "ibgs",
+    "tables",
+    "status",
+    "dashboard",
+    "pages",
+    "fresh",
+)
 """Jobs of the experiment suite."""
 
 SCRIPTS = {
@@ -87,10 +98,10 @@ BENCHMARKS = {
 
 JOBS |= SCRIPTS | BENCHMARKS
 
-NEEDING = (*LAB, "demo")
+WAITING_JOBS = (*SUITE_JOBS, "demo")
 """Jobs that start runs of other jobs. If another process is computing such a run, they wait for it."""
 
-DISK_REFUSES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.ENAMETOOLONG)
+DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.ENAMETOOLONG)
 """Numbers of system errors on writing: full disk, quota, file-size limit, read-only file system, a name too long."""
 
 SWEEPS = ("-m", "--multirun")
@@ -139,7 +150,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _dispatch(words: Sequence[str]) -> None:
-    let_idle_threads_sleep()
+    set_openmp_wait_policy()
     if not words or words[0] in ("-h", "--help", "help"):
         print(usage(), end="")
     elif words[0] == "--version":
@@ -165,7 +176,7 @@ def usage() -> str:
     return USAGE.format(jobs="\n".join(lines.values()), measurements="\n".join(measurements))
 
 
-def let_idle_threads_sleep() -> None:
+def set_openmp_wait_policy() -> None:
     """Set OpenMP's waiting policy for this process unless the user has set it.
 
     OpenMP reads the policy once, when torch loads it. Only the command line sets it; importing the package does not.
@@ -188,24 +199,24 @@ def launch(job: str, arguments: Sequence[str]) -> None:
     import hydra
     from hydra.errors import HydraException, InstantiationException
 
-    from gaussian_enhancer.cli.hydra_messages import WithoutOverrides, raised_by_hydra, refusal
+    from gaussian_enhancer.cli.hydra_messages import OverridesFilter, is_hydra_error, to_input_error
 
     sweeps = [word for word in arguments if word in SWEEPS]  # first, since Hydra refuses overrides on both sides of -m
     words = ["dry_run=true" if word == "--dry-run" else word for word in arguments if word not in SWEEPS]
     sys.argv = [f"gaussian-enhancer {job}", *sweeps, *words]
     os.environ["HYDRA_FULL_ERROR"] = "1"  # raise errors unchanged; Hydra would print them and end the process
-    filtered_stderr = cast(Any, WithoutOverrides(cast(io.TextIOBase, sys.stderr)))
+    filtered_stderr = cast(Any, OverridesFilter(cast(io.TextIOBase, sys.stderr)))
     try:
         with redirect_stderr(filtered_stderr):
             hydra.main(version_base="1.3", config_path=str(configurations()), config_name=job)(task(job))()
     except InstantiationException:
         raise
     except HydraException as error:
-        raise refusal(error, job) from error
+        raise to_input_error(error, job) from error
     except ValueError as error:
-        if isinstance(error, InputError) or not raised_by_hydra(error):
+        if isinstance(error, InputError) or not is_hydra_error(error):
             raise
-        raise refusal(error, job) from error
+        raise to_input_error(error, job) from error
     except BrokenExecutor as error:
         raise LostProcessError("a process of the sweep was killed, for want of memory perhaps") from error
 
@@ -228,14 +239,14 @@ def task(job: str) -> Callable[[Any], Any]:
         check_options(job, cfg)
         module = importlib.import_module(f"{package_of(job)}.{job}")
         output = output_path_of(module, cfg)
-        wait = job in NEEDING or HydraConfig.get().mode == RunMode.MULTIRUN
+        wait = job in WAITING_JOBS or HydraConfig.get().mode == RunMode.MULTIRUN
         try:
             with track_runs(discard=True), wait_for_holders(wait), exclusive(output) if output else nullcontext():
                 return module.run(cfg)
         except OSError as error:
-            if error.errno not in DISK_REFUSES:
+            if error.errno not in DISK_ERRORS:
                 raise
-            raise unwritable(error.filename or "output", error) from error
+            raise to_write_error(error.filename or "output", error) from error
 
     return run
 
@@ -250,7 +261,7 @@ def output_path_of(module: ModuleType, cfg: Any) -> Path | None:
 
 def package_of(job: str) -> str:
     """The package that holds a job's module."""
-    packages = {"ablations.jobs": LAB, "ablations.scripts": SCRIPTS, "ablations.benchmarks": BENCHMARKS}
+    packages = {"ablations.jobs": SUITE_JOBS, "ablations.scripts": SCRIPTS, "ablations.benchmarks": BENCHMARKS}
     return next((package for package, jobs in packages.items() if job in jobs), "gaussian_enhancer.cli")
 
 

@@ -29,12 +29,12 @@ def _usable(path: str) -> str:
     return path
 
 
-Place = Annotated[str, AfterValidator(_usable)]
-Places = list[Place]
-Word = str | int | float
+PathText = Annotated[str, AfterValidator(_usable)]
+PathTexts = list[PathText]
+Scalar = str | int | float
 Group = dict[str, Any]
 Count = Annotated[int, Field(ge=1)]
-Size = Annotated[int, Field(ge=0)]
+NonNegativeInt = Annotated[int, Field(ge=0)]
 Side = Annotated[int, Field(ge=64, le=8192)]
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
 Positive = Annotated[float, Field(gt=0)]
@@ -56,14 +56,14 @@ class Runtime(TypedDict):
 class Shared:
     """Options of every job."""
 
-    output: Place | None
+    output: PathText | None
     runtime: Runtime
 
 
 class Options(Shared):
     """Options of jobs that make or read content-addressed runs."""
 
-    runs: Place
+    runs: PathText
 
 
 class Demo(Options):
@@ -72,9 +72,9 @@ class Demo(Options):
     scene: Group
     splat: Group
     settings: Group
-    weights: Place
+    weights: PathText
     lpips: list[str] | None
-    backbones: Place | None
+    backbones: PathText | None
 
 
 class Fit(Options):
@@ -91,13 +91,13 @@ class Simulate(Options):
 
     gate: Group
     generator: Group
-    image: Place | None
-    depth: Place | None
+    image: PathText | None
+    depth: PathText | None
     depth_scale: Positive
     background: list[Share]
-    run: Place | None
-    view: Word | None
-    step: Size | None
+    run: PathText | None
+    view: Scalar | None
+    step: NonNegativeInt | None
     seed: Seed
     draws: Count
 
@@ -105,11 +105,11 @@ class Simulate(Options):
 class Enhancing(Options):
     """Options of jobs that enhance views."""
 
-    weights: Place
-    max_references: Size | None
+    weights: PathText
+    max_references: NonNegativeInt | None
     depth_kind: str
     strength: Share | None
-    colour_clamping: Size
+    colour_clamping: NonNegativeInt
     colour_completion: bool
     confidence: bool
     precision: str
@@ -123,18 +123,18 @@ class Enhance(Enhancing):
     plan: Group
     distil: bool
     dry_run: bool
-    run: Place | None
-    step: Size | None
+    run: PathText | None
+    step: NonNegativeInt | None
     every: Count
-    gaussians: Place | None
+    gaussians: PathText | None
     invalid: str
     method: str
     views: str
-    renders: Place | None
-    photos: Place | None
-    references: Place | None
-    cameras: Place | None
-    depth: Place | None
+    renders: PathText | None
+    photos: PathText | None
+    references: PathText | None
+    cameras: PathText | None
+    depth: PathText | None
     depth_scale: Positive
     recover_geometry: bool
     budget_ms: Positive | None
@@ -146,12 +146,12 @@ class Video(Enhancing):
 
     scene: Group | None
     plan: Group
-    run: Place | None
-    gaussians: Place | None
+    run: PathText | None
+    gaussians: PathText | None
     invalid: str
     method: str
-    path: Place
-    input: Place | None
+    path: PathText
+    input: PathText | None
     frames: Count | None
     cameras: Count | None
     turns: float | None
@@ -161,7 +161,7 @@ class Video(Enhancing):
     layout: str
     wipe: Share | None
     fps: Positive | None
-    quality: Size
+    quality: NonNegativeInt
     budget_ms: Positive | None
     temporal_smoothing: Share
 
@@ -171,9 +171,9 @@ class View(Enhancing):
 
     scene: Group | None
     plan: Group
-    run: Place | None
-    gaussians: Place | None
-    distilled: Place | None
+    run: PathText | None
+    gaussians: PathText | None
+    distilled: PathText | None
     invalid: str
     method: str
     host: str
@@ -190,8 +190,8 @@ class Distil(Enhancing):
     scene: Group | None
     settings: Group
     evidence: Group
-    run: Place | None
-    gaussians: Place | None
+    run: PathText | None
+    gaussians: PathText | None
     invalid: str
     method: str
     format: str
@@ -202,7 +202,7 @@ class Distil(Enhancing):
 class Export(Options):
     """Options of the job ``export``."""
 
-    weights: Place
+    weights: PathText
     format: str
     references: Count | None
 
@@ -212,15 +212,15 @@ class Trainer(TypedDict):
     """Options below ``trainer`` that decide what is trained; Lightning checks the others."""
 
     max_steps: Annotated[int, Field(ge=-1)]
-    log_every_n_steps: NotRequired[Size]
+    log_every_n_steps: NotRequired[NonNegativeInt]
     gradient_clip_val: NotRequired[NonNegative | None]
 
 
 class Training(Options):
     """Options of the training jobs."""
 
-    label: Word
-    study: Word
+    label: Scalar
+    study: Scalar
     seed: Seed
     save_every: Count
     card: dict[str, Any]
@@ -236,7 +236,7 @@ class Train(Training):
     optimizer: Group
     lr_scheduler: Group
     reference_config: Group
-    initial: Place | dict[str, Place] | None
+    initial: PathText | dict[str, PathText] | None
     bad_share: Share
     coarse: NonNegative
 
@@ -255,16 +255,16 @@ class TrainGenerator(Training):
 class Fold(TypedDict):
     """An entry of ``folds``."""
 
-    weights: Place
-    fits: Places
+    weights: PathText
+    fits: PathTexts
 
 
 class TrainConfidence(Options):
     """Options of the job ``train_confidence``."""
 
-    fits: Places
+    fits: PathTexts
     folds: list[Fold]
-    weights: Place
+    weights: PathText
     hidden: Annotated[int, Field(ge=1, le=1024)]
     steps: Annotated[int, Field(ge=2)]
     harm: NonNegative
@@ -277,27 +277,27 @@ class TrainConfidence(Options):
 class Measure(Options):
     """Options of the job ``measure``."""
 
-    images: Place | None
-    photos: Place | None
-    raw: Place | None
-    run: Place | None
-    step: Size | None
-    masks: Place | None
-    variant: Word
-    scene_name: Word | None
-    splat_name: Word | None
+    images: PathText | None
+    photos: PathText | None
+    raw: PathText | None
+    run: PathText | None
+    step: NonNegativeInt | None
+    masks: PathText | None
+    variant: Scalar
+    scene_name: Scalar | None
+    splat_name: Scalar | None
     unmatched: str
     background: list[Any]
     lpips: list[str] | None
-    backbones: Place | None
+    backbones: PathText | None
 
 
 class Report(Options):
     """Options of the job ``report``."""
 
-    measured: Place
-    title: Word | None
-    most_pictured: Size
+    measured: PathText
+    title: Scalar | None
+    most_pictured: NonNegativeInt
     contact_sheet: bool
 
 
@@ -305,10 +305,10 @@ class Download(Options):
     """Options of the job ``download``."""
 
     dataset: Group
-    folder: Place
+    folder: PathText
     dry_run: bool
     keep_archives: bool
-    retries: Size
+    retries: NonNegativeInt
     timeout: Positive
 
 

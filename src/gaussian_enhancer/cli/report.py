@@ -6,7 +6,7 @@ from omegaconf import DictConfig
 from rich.console import Console
 
 from gaussian_enhancer.console import print_line
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.report.measured_run import open_measured, write_contact_sheet, write_page
 from gaussian_enhancer.runs.instantiate import require
 
@@ -32,6 +32,6 @@ def run(cfg: DictConfig) -> float | None:
     console = Console(stderr=True)
     print_line(console, f"{path}: {len(measured_run.views)} views")
     if cfg.contact_sheet:
-        with whole_file(path.with_name("contact_sheet.png")) as temporary:
+        with atomic_write(path.with_name("contact_sheet.png")) as temporary:
             write_contact_sheet(temporary, measured_run.views)
     return None

@@ -23,12 +23,12 @@ from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.runs.simulation import (
+    choose_gate,
     choose_photo,
-    chosen_gate,
     gates_to_show,
+    integer_option,
     read_fitted_run,
     run_fingerprint,
-    whole_option,
 )
 
 PICTURED = 20
@@ -47,14 +47,14 @@ def run(cfg: DictConfig) -> float | None:
         InputError: the photo, run, gate or generator cannot be used, or a file cannot be written.
     """
     device = start(cfg.runtime)
-    seed, draws = whole_option(cfg, "seed", 0), whole_option(cfg, "draws", 1)
+    seed, draws = integer_option(cfg, "seed", 0), integer_option(cfg, "draws", 1)
     rendered = read_fitted_run(cfg)
     photo = choose_photo(cfg, rendered).to(device)
     console = Console(stderr=True)
     fingerprint = run_fingerprint(rendered)
     if fingerprint is not None:
         console.print(fingerprint.table(), highlight=False)
-    cfg, gate = chosen_gate(cfg, rendered)
+    cfg, gate = choose_gate(cfg, rendered)
     second_stage: SecondStage = build(cfg.generator)
     if isinstance(second_stage, PairedGenerator | DiffusedGenerator):
         second_stage.model.to(device)

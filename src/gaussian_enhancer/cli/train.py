@@ -12,20 +12,26 @@ from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.weights import (
+    copy_values,
     count_parameters,
     design_of,
     load_weights,
     reference_config_of,
     require_saveable,
     save_weights,
-    take_values,
 )
 from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos
 from gaussian_enhancer.runs.instantiate import build, plain_values, require
 from gaussian_enhancer.runs.run import Run, open_run
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.train.processes import is_first, launch
-from gaussian_enhancer.train.trainer import make_trainer, quieten, result_configuration, spawn_count, stopped_by_ctrl_c
+from gaussian_enhancer.train.trainer import (
+    make_trainer,
+    raise_interrupt,
+    result_configuration,
+    silence_lightning,
+    spawn_count,
+)
 
 if TYPE_CHECKING:
     from gaussian_enhancer.network.network import Network
@@ -41,7 +47,7 @@ def run(cfg: DictConfig) -> float | None:
     Returns:
         The mean gain in PSNR over the raw renders of the validation runs, in dB; None where the training was stopped.
     """
-    cfg = _without_idle(cfg)
+    cfg = _without_unused_keys(cfg)
     require(cfg)
     start(cfg.runtime)
     count = spawn_count(cfg)
@@ -49,7 +55,7 @@ def run(cfg: DictConfig) -> float | None:
     if job.done:
         print(f"trained already: {job.folder / 'weights.safetensors'}")
         return float(json.loads((job.folder / "card.json").read_text())["validation"]["gain/psnr"])
-    quieten()
+    silence_lightning()
     require_saveable(_network(cfg))
     if count > 1:  # prepare all samples first: it may take long, and the other processes would wait for them
         _data(cfg).prepare_data()
@@ -67,7 +73,7 @@ def _train(cfg: DictConfig, job: Run) -> float | None:
     from gaussian_enhancer.train.module import EnhancerModule
 
     start(cfg.runtime)
-    quieten()
+    silence_lightning()
     seed_everything(cfg.seed, workers=True, verbose=False)
     data = _data(cfg)
     module_parts = build(cfg.loss), gains(psnr=psnr, ssim=ssim), build(cfg.optimizer), build(cfg.lr_scheduler)
@@ -75,7 +81,7 @@ def _train(cfg: DictConfig, job: Run) -> float | None:
     trainer = make_trainer(cfg, job, "last")
     checkpoint = job.folder / "last.ckpt"
     started = time.time()
-    with finish_wandb_run(trainer.loggers), stopped_by_ctrl_c(trainer):
+    with finish_wandb_run(trainer.loggers), raise_interrupt(trainer):
         trainer.fit(
             module, datamodule=data, ckpt_path=str(checkpoint) if checkpoint.is_file() else None, weights_only=True
         )
@@ -120,18 +126,18 @@ def _network(cfg: DictConfig) -> "Network":
     if cfg.get("faithful") and not type(network).__module__.startswith("gaussian_enhancer.network.paper."):
         remedy = "choose fusion=sif, ssif_lr or ssif_sr, or mode=ours"
         raise InputError("mode=paper", f"has no {type(network).__name__}", remedy)
-    for name, weights in _begun_with(cfg).items():
+    for name, weights in _initial_weights(cfg).items():
         part = getattr(network, name, None) if name else network
         if part is None:
             raise InputError("initial", f"names {name!r}, no part of the network", "name parts of fusion, or weights")
         try:
-            take_values(part, load_weights(weights).network)
+            copy_values(part, load_weights(weights).network)
         except ValueError as error:
             raise InputError(f"weights {weights}", str(error), "choose fusion and size as they have") from None
     return network
 
 
-def _begun_with(cfg: DictConfig) -> dict[str, str]:
+def _initial_weights(cfg: DictConfig) -> dict[str, str]:
     """Initial weights by the name of the part of the network that they initialise; "" stands for the whole network."""
     initial = cfg.get("initial")
     if initial is None:
@@ -143,7 +149,7 @@ def _begun_with(cfg: DictConfig) -> dict[str, str]:
 def _initial_weights_entry(cfg: DictConfig) -> dict[str, Any]:
     """The card's entry on the initial weights: selected entries of their cards, which may nest earlier weights."""
     kept_keys = ("run", "seed", "steps", "train", "minutes", "initial")
-    cards = {name: load_weights(weights).card for name, weights in _begun_with(cfg).items()}
+    cards = {name: load_weights(weights).card for name, weights in _initial_weights(cfg).items()}
     entries = {name: {key: card[key] for key in kept_keys if key in card} for name, card in cards.items()}
     return {"initial": entries.get("", entries)} if entries else {}
 
@@ -170,7 +176,7 @@ def _bad_share(cfg: DictConfig) -> float:
     return float(cfg.get("bad_share", BAD_SHARE))
 
 
-def with_effect(cfg: DictConfig) -> DictConfig:
+def network_configuration(cfg: DictConfig) -> DictConfig:
     """The part of the configuration that determines the trained network; its hash names the run.
 
     Args:
@@ -179,14 +185,15 @@ def with_effect(cfg: DictConfig) -> DictConfig:
     Raises:
         InputError: the initial weights cannot be read.
     """
-    return _naming_configuration(_without_idle(cfg))
+    return _naming_configuration(_without_unused_keys(cfg))
 
 
 def _naming_configuration(cfg: DictConfig) -> DictConfig:
-    """The configuration whose hash names the run, from one without keys of no effect (`_without_idle`)."""
+    """The configuration whose hash names the run, from one without keys of no effect (`_without_unused_keys`)."""
     run_configuration = result_configuration(cfg)
     digests = {
-        name: checkpoint_digest(find_checkpoint(weights)) for name, weights in _begun_with(run_configuration).items()
+        name: checkpoint_digest(find_checkpoint(weights))
+        for name, weights in _initial_weights(run_configuration).items()
     }
     if digests:  # the run depends on the content of the weights, not on their path
         run_configuration.initial = digests.get("", digests)
@@ -201,7 +208,7 @@ def _second_stage_digest(weights: str) -> str:
     return run.name if run.parent.name == "train_generator" else checkpoint_digest(find_checkpoint(weights))
 
 
-def _without_idle(cfg: DictConfig) -> DictConfig:
+def _without_unused_keys(cfg: DictConfig) -> DictConfig:
     """The configuration without keys of no effect, which are then neither built nor part of the run's name.
 
     These keys are the simulator with its gate and generator if nothing is simulated, and ``initial`` if it is null.

@@ -19,7 +19,7 @@ from gaussian_enhancer.runs.instantiate import plain_values
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.frozen import refuse_untrained
-from gaussian_enhancer.train.confidence import judge_views, train_confidence
+from gaussian_enhancer.train.confidence import measure_views, train_confidence
 
 
 def run(cfg: DictConfig) -> None:
@@ -42,7 +42,7 @@ def run(cfg: DictConfig) -> None:
     base = load_weights(cfg.weights)
     if base.network.scale > 1 or not base.reference_config.references:
         raise InputError("weights", "are not for enhancement by references", "give weights such as lr_tiny")
-    reference_config = _warped_by(base.reference_config, plain_values(cfg.warp))
+    reference_config = _with_warp_options(base.reference_config, plain_values(cfg.warp))
     full_strength = EnhancementOptions(strength=1.0, confidence=False)
     enhancers = {cfg.weights: full_strength.enhancer(base, reference_config, device)}
     for fold in cfg.folds:
@@ -53,7 +53,7 @@ def run(cfg: DictConfig) -> None:
     weights_and_fits = [(cfg.weights, Path(fit)) for fit in cfg.fits]
     weights_and_fits += [(fold.weights, Path(fit)) for fold in cfg.folds for fit in fold.fits]
     tracked = track(weights_and_fits, "enhance", console=console, transient=True, disable=not cfg.runtime.progress)
-    fits = [list(judge_views(folder, enhancers[name])) for name, folder in tracked]
+    fits = [list(measure_views(folder, enhancers[name])) for name, folder in tracked]
     fits, count = [views for views in fits if views], sum(map(len, fits))
     if not count:
         raise InputError("fits", "hold no held-out views", "name fitted runs with held-out photos")
@@ -74,7 +74,7 @@ def run(cfg: DictConfig) -> None:
     print_line(console, f"{weights}: learnt from {count} views")
 
 
-def _warped_by(config: ReferenceConfig, options: dict[str, Any]) -> ReferenceConfig:
+def _with_warp_options(config: ReferenceConfig, options: dict[str, Any]) -> ReferenceConfig:
     """The reference configuration with some options of its warp replaced.
 
     Raises:

@@ -17,7 +17,13 @@ from gaussian_enhancer.infer.weights import count_parameters
 from gaussian_enhancer.runs.instantiate import build, plain_values, require
 from gaussian_enhancer.runs.run import Run, open_run
 from gaussian_enhancer.runs.runtime import start
-from gaussian_enhancer.train.trainer import device_count, make_trainer, quieten, result_configuration, stopped_by_ctrl_c
+from gaussian_enhancer.train.trainer import (
+    device_count,
+    make_trainer,
+    raise_interrupt,
+    result_configuration,
+    silence_lightning,
+)
 
 STEPS = ("paired", "diffused")
 
@@ -43,7 +49,7 @@ def run(cfg: DictConfig) -> float | None:
     # Slow imports, which are not needed to show help.
     from lightning import seed_everything
 
-    quieten()
+    silence_lightning()
     seed_everything(cfg.seed, workers=True, verbose=False)
     samples = {"cache": str(Path(cfg.runs) / "samples"), "progress": cfg.runtime.progress}
     data = build(cfg.data, samples=samples)
@@ -93,7 +99,7 @@ def _train(cfg: DictConfig, job: Run, step: str, design: FactorDesign, data: Any
         module = DiffusedModule(paired_model, loss, optimizer, build(cfg.sampler), scheduler, seed=cfg.seed + 1)
     trainer = make_trainer(cfg, job, step, part=step, max_steps=steps)
     checkpoint = job.folder / f"{step}.ckpt"
-    with finish_wandb_run(trainer.loggers), stopped_by_ctrl_c(trainer):
+    with finish_wandb_run(trainer.loggers), raise_interrupt(trainer):
         trainer.fit(
             module, datamodule=data, ckpt_path=str(checkpoint) if checkpoint.is_file() else None, weights_only=True
         )

@@ -11,15 +11,15 @@ from torch import Tensor
 
 from gaussian_enhancer.console import hides_progress, print_line
 from gaussian_enhancer.errors import INTERRUPTED
-from gaussian_enhancer.infer.time_budget import within_budget
+from gaussian_enhancer.infer.time_budget import apply_budget
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.runs.video import (
     CameraPath,
     VideoOutput,
-    load_film,
-    prepare_film,
+    load_video,
+    prepare_video,
     read_output,
     run_configuration,
 )
@@ -43,8 +43,8 @@ def run(cfg: DictConfig) -> None:
     console = Console(stderr=True)
     read_output(cfg)
     device = start(cfg.runtime)
-    cfg = within_budget(cfg, load_film, device, console)
-    filmed = prepare_film(cfg, device)
+    cfg = apply_budget(cfg, load_video, device, console)
+    filmed = prepare_video(cfg, device)
     output = read_output(cfg, filmed.path)
     for line in filter(None, (filmed.task.note, *filmed.found.missing_references, filmed.path.note)):
         print_line(console, line)

@@ -9,7 +9,7 @@ from rich.console import Console
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import INTERRUPTED
 from gaussian_enhancer.runs.runtime import start
-from gaussian_enhancer.viewer.address import library, refuse_taken
+from gaussian_enhancer.viewer.address import load_viser, refuse_taken
 from gaussian_enhancer.viewer.modes import Mode
 from gaussian_enhancer.viewer.page import PageSettings
 from gaussian_enhancer.viewer.saved import SavedFiles
@@ -28,7 +28,7 @@ def run(cfg: DictConfig) -> None:
         SystemExit: the user pressed Ctrl-C.
     """
     log = partial(print_line, Console(stderr=True))
-    library()
+    load_viser()
     settings = PageSettings(Mode(cfg.show, float(cfg.wipe)), cfg.width, cfg.moving_width)
     refuse_taken(cfg.host, cfg.port)
     session = open_session(cfg, start(cfg.runtime))

@@ -20,7 +20,7 @@ from gaussian_enhancer.types import Movable
 
 
 @dataclass(frozen=True)
-class Photographed(Movable):
+class SimulatorInput(Movable):
     """Input of the simulator: one photo with its depth and opacity.
 
     Args:
@@ -42,7 +42,7 @@ def read_image(
     *,
     depth_scale: float | int = 1.0,
     background: Sequence[object] = (0.0, 0.0, 0.0),
-) -> Photographed:
+) -> SimulatorInput:
     """Read a photo from a file, and its depth from another file.
 
     Args:
@@ -74,10 +74,10 @@ def read_image(
         "Depth": "unknown" if depth is None else f"{depth}, times {depth_scale:g}",
         "Opacity": "unknown" if alpha is None else alpha_origin,
     }
-    return Photographed(path.stem, _view(photo, z, alpha), origin=origin)
+    return SimulatorInput(path.stem, _view(photo, z, alpha), origin=origin)
 
 
-def read_held_out(rendered: RenderedSet, name: str | None = None) -> Photographed:
+def read_held_out(rendered: RenderedSet, name: str | None = None) -> SimulatorInput:
     """The photo of a held-out view of a splat, with the rendered depth, opacity and colours of the same view.
 
     Args:
@@ -90,7 +90,9 @@ def read_held_out(rendered: RenderedSet, name: str | None = None) -> Photographe
     views = {view.name: view for view in rendered.targets}
     target = next((v for v in rendered.targets if name in (None, v.name, Path(v.name).stem)), None)
     if target is None:
-        raise InputError("view", f"is {name!r}, which {rendered.name} does not hold out", f"choose {_listed(views)}")
+        raise InputError(
+            "view", f"is {name!r}, which {rendered.name} does not hold out", f"choose {_format_names(views)}"
+        )
     if target.read is None or target.read_photo is None:
         raise InputError(f"{rendered.name}, {target.name}", "has no photo beside its render", "name a run that kept gt")
     depth, alpha = (None if read is None else read() for read in (target.read_depth, target.read_alpha))
@@ -101,7 +103,7 @@ def read_held_out(rendered: RenderedSet, name: str | None = None) -> Photographe
         "Opacity": "unknown" if alpha is None else "rendered",
     }
     label = f"{rendered.name}-{Path(target.name).stem}"
-    return Photographed(label, _view(target.read_photo(), depth, alpha), target.read()[None], origin)
+    return SimulatorInput(label, _view(target.read_photo(), depth, alpha), target.read()[None], origin)
 
 
 def _colour(values: Sequence[object]) -> tuple[float, float, float]:
@@ -116,6 +118,6 @@ def _view(photo: Tensor, depth: Tensor | None, alpha: Tensor | None) -> View:
     return View(photo[None], *(None if plane is None else plane[None] for plane in (depth, alpha)))
 
 
-def _listed(views: Mapping[str, RenderedView], most: int = 8) -> str:
+def _format_names(views: Mapping[str, RenderedView], most: int = 8) -> str:
     names = list(views)
     return ", ".join(names[:most]) + (f" or another of {len(names)}" if len(names) > most else "")

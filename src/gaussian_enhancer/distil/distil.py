@@ -68,7 +68,7 @@ def distil(
     Raises:
         InputError: a photo cannot be read, the checkpoint is of another run, or the disk cannot be written.
     """
-    run = _Work(capture.with_split(capture.train, ()), start, enhancer, folder, settings, made_of)
+    run = _DistilState(capture.with_split(capture.train, ()), start, enhancer, folder, settings, made_of)
     last_step = settings.steps if stop_after is None else min(stop_after, settings.steps)
     last_saved = time.monotonic()
     while run.step < last_step:
@@ -78,10 +78,10 @@ def distil(
             settings.views, f"enhance views, round {round_index + 1} of {settings.rounds}", progress
         ) as bar:
             for index in run.begin_round():
-                bar.swept(index + 1, settings.views)
+                bar.update_views(index + 1, settings.views)
         with FitProgress(settings.steps, f"distil {capture.name}", progress) as bar:
             while run.step < last_step and settings.round_of(run.step) == round_index:
-                loss, difference = run.advance()
+                loss, difference = run.train_step()
                 bar.update(run.step, loss, difference, len(run.optimiser))
                 if time.monotonic() - last_saved > checkpoint_seconds:
                     run.save()
@@ -90,7 +90,7 @@ def distil(
     return run.splat()
 
 
-class _Work:
+class _DistilState:
     """State of one run."""
 
     def __init__(
@@ -100,21 +100,21 @@ class _Work:
         enhancer: SetEnhancer | None,
         folder: Path,
         settings: DistilSettings,
-        made_of: str,
+        input_identity: str,
     ) -> None:
         self.capture, self.enhancer, self.folder, self.settings = capture, enhancer, folder, settings
-        self.made_of = made_of
-        self.first = start
-        self.photos = TrainingPhotos(capture, self.first.gaussians.means.device)
+        self.made_of = input_identity
+        self.initial_renderer = start
+        self.photos = TrainingPhotos(capture, self.initial_renderer.gaussians.means.device)
         self.views: EnhancedViews | None = None
-        self.smoothing = self.first.gaussians.smoothing
+        self.smoothing = self.initial_renderer.gaussians.smoothing
         self.step = 0
         checkpoint = load_checkpoint(folder, self._identity())
         self.optimiser = self._optimiser(
-            self.first.gaussians if checkpoint is None else Gaussians(**checkpoint["splat"])
+            self.initial_renderer.gaussians if checkpoint is None else Gaussians(**checkpoint["splat"])
         )
         if checkpoint is not None:
-            device, saved_smoothing = self.first.gaussians.means.device, checkpoint["splat"]["smoothing"]
+            device, saved_smoothing = self.initial_renderer.gaussians.means.device, checkpoint["splat"]["smoothing"]
             self.optimiser.restore({name: value.to(device) for name, value in checkpoint["optimiser"].items()})
             self.smoothing = None if saved_smoothing is None else saved_smoothing.to(device)
             self.step = checkpoint["step"]
@@ -129,10 +129,10 @@ class _Work:
         round_options = {"number": round_index, "rounds": settings.rounds, "seed": settings.seed}
         cameras = new_cameras(self.photos.cameras, settings.views, settings.around, **round_options)
         self.views = EnhancedViews(self.folder / "rounds" / str(round_index + 1), cameras)
-        renderer = dataclasses.replace(self.first, gaussians=self.splat())
+        renderer = dataclasses.replace(self.initial_renderer, gaussians=self.splat())
         yield from self.views.make(renderer, self.capture.train_photos, self.enhancer)
 
-    def advance(self) -> tuple[Tensor, Tensor]:
+    def train_step(self) -> tuple[Tensor, Tensor]:
         """Make one step; return the loss and the difference of render and image."""
         random_number = torch.rand((), generator=self._generator(self.step, 1)).item()
         uses_view = self.views is not None and random_number < self.settings.share
@@ -171,7 +171,7 @@ class _Work:
         if self.views is None:
             raise ValueError("a round begins before its first step")
         view_index = int(torch.randint(len(self.views), (), generator=self._generator(self.step, 3)))
-        image, confidence = (tensor.to(self.first.gaussians.means) for tensor in self.views.read(view_index))
+        image, confidence = (tensor.to(self.initial_renderer.gaussians.means) for tensor in self.views.read(view_index))
         colour = self._colour(self.views.cameras[view_index])
         gradient_scale = self.settings.weight * confidence
         # The value of the loss is unchanged; its gradient is scaled at each pixel.
@@ -181,23 +181,23 @@ class _Work:
 
     def _colour(self, camera: Camera) -> Float[Tensor, "3 h w"]:
         gaussians = dataclasses.replace(self.optimiser.gaussians(), smoothing=self.smoothing)
-        render_options = self.first.method, self.first.background
-        return render(gaussians, camera, *render_options, near=self.first.near).colour
+        render_options = self.initial_renderer.method, self.initial_renderer.background
+        return render(gaussians, camera, *render_options, near=self.initial_renderer.near).colour
 
     def _optimiser(self, gaussians: Gaussians) -> SplatOptimiser:
-        on_device = gaussians.to(self.first.gaussians.means.device)
+        on_device = gaussians.to(self.initial_renderer.gaussians.means.device)
         extent = camera_extent(self.photos.cameras)
         return SplatOptimiser(on_device, self.settings.rates, extent, self.settings.steps, float(self.settings.fade))
 
     def _smooth(self) -> None:
-        if isinstance(self.first.method, MipSplatting):
+        if isinstance(self.initial_renderer.method, MipSplatting):
             means = self.optimiser.gaussians(0).means.detach()
-            self.smoothing = filter_size(means, self.photos.cameras, near=self.first.near)
+            self.smoothing = filter_size(means, self.photos.cameras, near=self.initial_renderer.near)
 
     def _generator(self, number: int, purpose: int) -> torch.Generator:
         return torch.Generator().manual_seed(((self.settings.seed * 1_000_003 + number) * 8 + purpose) % 2**63)
 
     def _identity(self) -> str:
         """Description of the run, which must equal that in a checkpoint to be resumed."""
-        description = f"{self.capture.name}, {len(self.photos)} photos, {self.first.method}, {self.settings}"
+        description = f"{self.capture.name}, {len(self.photos)} photos, {self.initial_renderer.method}, {self.settings}"
         return f"{description}, {self.made_of}" if self.made_of else description

@@ -12,8 +12,8 @@ from jaxtyping import Float
 from PIL import Image
 from torch import Tensor
 
-from gaussian_enhancer.align.references import Pool, join, read_target
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.align.references import ReferencePool, build_network_input, read_target
+from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer
 from gaussian_enhancer.scene.image_files import write_image
@@ -59,14 +59,14 @@ class EnhancedViews:
         Raises:
             InputError: a photo cannot be read, or the folder cannot be written.
         """
-        pool = Pool(tuple(map(renderer.reference, photos)))
+        pool = ReferencePool(tuple(map(renderer.reference, photos)))
         for index, camera in enumerate(self.cameras):
             if self._confidence(index).is_file():
                 continue
             view = renderer.target(self._image(index).name, camera)
             target = read_target(view).to_device(enhancer.device)
             aligned = enhancer.reference_config.align(target, view, pool)
-            enhanced_image = enhancer.enhance(join(target, aligned), aligned.names)[0]
+            enhanced_image = enhancer.enhance(build_network_input(target, aligned), aligned.names)[0]
             visibility = aligned.visibility if len(aligned.names) else torch.zeros_like(target.image[None, :1])
             write_image(self._image(index), enhanced_image)
             _write_grey(self._confidence(index), visibility.amax(0))
@@ -80,5 +80,5 @@ class EnhancedViews:
 
 
 def _write_grey(path: Path, image: Float[Tensor, "1 h w"]) -> None:
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         Image.fromarray((image[0].clamp(0, 1) * 255).round().byte().cpu().numpy()).save(temporary, compress_level=3)

@@ -48,7 +48,7 @@ class PruneSettings:
 
 
 @dataclass(frozen=True)
-class Pruned:
+class PruneResult:
     """Result of pruning.
 
     Args:
@@ -69,7 +69,7 @@ class Pruned:
         return f"{text}; training PSNR {self.before:.3f} -> {self.after:.3f} dB"
 
 
-def prune(renderer: SplatRenderer, photos: Sequence[Photo], settings: PruneSettings) -> Pruned:
+def prune(renderer: SplatRenderer, photos: Sequence[Photo], settings: PruneSettings) -> PruneResult:
     """Find floaters: Gaussians that photos contradict and whose centres are in front of the surface in depth maps.
 
     Blending is affine in each Gaussian's opacity. So the removal of one Gaussian changes a pixel's colour by d, the
@@ -94,7 +94,7 @@ def prune(renderer: SplatRenderer, photos: Sequence[Photo], settings: PruneSetti
     gain, agreement = _error_reductions(renderer, photos)
     gaussians = renderer.gaussians
     contradicted = (gain > 0) & (agreement >= settings.agreement)
-    behind, at_surface = _seen_through(
+    behind, at_surface = _count_views_through(
         replace(renderer, gaussians=gaussians[~contradicted]), gaussians.means, photos, settings.margin
     )
     empty = (behind >= settings.views) & (behind >= settings.agreement * (behind + at_surface))
@@ -110,9 +110,9 @@ def prune(renderer: SplatRenderer, photos: Sequence[Photo], settings: PruneSetti
     best_count = max(psnrs, key=psnrs.__getitem__, default=0)
     kept_mask = torch.ones_like(suspects)
     if not best_count or psnrs[best_count] < psnr_before - settings.loss:
-        return Pruned(kept_mask, count, psnr_before, psnr_before)
+        return PruneResult(kept_mask, count, psnr_before, psnr_before)
     kept_mask[order[:best_count]] = False
-    return Pruned(kept_mask, count, psnr_before, psnrs[best_count])
+    return PruneResult(kept_mask, count, psnr_before, psnrs[best_count])
 
 
 def _render_without(renderer: SplatRenderer, index: Tensor) -> SplatRenderer:
@@ -129,7 +129,7 @@ def _error_reductions(
     absolute_first_order, second_order = torch.zeros_like(first_order), torch.zeros_like(first_order)
     transmittance = (1 - renderer.gaussians.opacity_logits.sigmoid()).clamp_min(1e-6)
     generator = torch.Generator().manual_seed(0)
-    for camera, photo in _posed(photos):
+    for camera, photo in _photos_with_cameras(photos):
         logits = renderer.gaussians.opacity_logits.clone().requires_grad_()
         gaussians = replace(renderer.gaussians, opacity_logits=logits)
         colour = render(gaussians, camera, renderer.method, renderer.background, near=renderer.near).colour
@@ -144,14 +144,14 @@ def _error_reductions(
     return first_order - second_order, first_order / absolute_first_order.clamp_min(1e-12)
 
 
-def _seen_through(
+def _count_views_through(
     renderer: SplatRenderer, places: Float[Tensor, "n 3"], photos: Sequence[Photo], margin: int | float
 ) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
     """Number of views whose surface is behind each position, and number of views whose surface is at it."""
     behind = torch.zeros(len(places))
     at_surface = torch.zeros(len(places))
     centres = places.cpu()
-    for camera, _ in _posed(photos):
+    for camera, _ in _photos_with_cameras(photos):
         surface = renderer(camera).surface[0]
         depth, pixel, inside = _project(centres, camera, renderer.near)
         surface_depth = torch.where(inside, surface.flatten()[pixel], 0.0)
@@ -174,12 +174,12 @@ def _project(
 
 def _psnr(renderer: SplatRenderer, photos: Sequence[Photo]) -> float:
     errors = []
-    for camera, photo in _posed(photos):
+    for camera, photo in _photos_with_cameras(photos):
         errors.append(float((renderer(camera).colour.clamp(0, 1) - photo.read()).square().mean()))
     return float(-10 * torch.tensor(errors).clamp_min(1e-10).log10().mean())
 
 
-def _posed(photos: Sequence[Photo]) -> Iterator[tuple[Camera, Photo]]:
+def _photos_with_cameras(photos: Sequence[Photo]) -> Iterator[tuple[Camera, Photo]]:
     for photo in photos:
         if photo.camera is None:
             raise InputError(f"photo {photo.name}", "has no camera", "give its camera, or leave the photo out")

@@ -11,7 +11,7 @@ from omegaconf import DictConfig, open_dict
 
 from gaussian_enhancer.checkpoint import find_checkpoint
 from gaussian_enhancer.distil.distil import distil
-from gaussian_enhancer.distil.prune import Pruned, PruneSettings, prune
+from gaussian_enhancer.distil.prune import PruneResult, PruneSettings, prune
 from gaussian_enhancer.distil.settings import DistilSettings
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
@@ -28,7 +28,7 @@ from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.io.small_files import check_format
 from gaussian_enhancer.types import Gaussians
 
-ENHANCING = (
+ENHANCEMENT_KEYS = (
     "weights",
     "max_references",
     "depth_kind",
@@ -79,7 +79,7 @@ def read_distil_task(cfg: DictConfig, device: torch.device) -> DistilTask:
     settings: DistilSettings = build(cfg.settings)
     prune_settings: PruneSettings = build(cfg.evidence)
     capture = build(cfg.scene) if cfg.run is None and cfg.get("scene") else None
-    splat, capture = read_given_splat(cfg.run, cfg.gaussians, capture)
+    splat, capture = find_splat_and_capture(cfg.run, cfg.gaussians, capture)
     distil_settings = None if cfg.prune_only else settings
     pruning = prune_settings if cfg.prune or cfg.prune_only else None
     return distil_task(
@@ -107,7 +107,9 @@ def read_enhancer(cfg: DictConfig, task: DistilTask, device: torch.device) -> Se
     return enhancer_of_new_views(task, cfg.weights, options, device)
 
 
-def read_given_splat(run: str | Path | None, gaussians: str | Path | None, capture: Scene | None) -> tuple[Path, Scene]:
+def find_splat_and_capture(
+    run: str | Path | None, gaussians: str | Path | None, capture: Scene | None
+) -> tuple[Path, Scene]:
     """Find a splat's file and its capture, by a run or by file and capture.
 
     Args:
@@ -200,7 +202,7 @@ def improve_splat(
     *,
     progress: bool,
     made_of: str = "",
-    on_pruned: Callable[[Pruned], None] | None = None,
+    on_pruned: Callable[[PruneResult], None] | None = None,
 ) -> Gaussians:
     """Prune and distil by the task; where the folder has a checkpoint of the same run, the run is resumed.
 
@@ -239,7 +241,7 @@ def run_configuration(cfg: DictConfig, task: DistilTask) -> DictConfig:
     if task.settings is None:
         unused_keys.append("settings")
     if not task.makes_views:
-        unused_keys += ENHANCING
+        unused_keys += ENHANCEMENT_KEYS
     else:
         digests["weights"] = file_digest(find_checkpoint(cfg.weights))
     with open_dict(reduced_cfg):

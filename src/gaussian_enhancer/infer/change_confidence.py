@@ -28,9 +28,9 @@ STEP = 2
 SAMPLES = BLOCK // STEP
 STRIP = 64
 """Rows of blocks that are worked on at once, so that large images need little memory."""
-SEEN = 0.1
+MIN_VISIBLE_SHARE = 0.1
 """Share of a block's pixels that a reference has to see to count."""
-TINY = 1e-6
+EPSILON = 1e-6
 """Added to squared colour differences that are divided by."""
 BANDS = 2
 """Parts of the change that have shares of their own: block means, and details."""
@@ -220,7 +220,7 @@ def _block_descriptions(
     """
     means, details = (products[:, 0, 0].clamp_min(0) for products in bands)
     texture = bands[1][:, 1, 1].clamp_min(0).sqrt()
-    parts = [torch.stack([change.mean(1).abs(), means / (means + details + TINY), texture], dim=1)]
+    parts = [torch.stack([change.mean(1).abs(), means / (means + details + EPSILON), texture], dim=1)]
     for products in bands:
         parts += [products[:, :1, 0].clamp_min(0).sqrt(), *_reference_evidence(products, seen)]
     features = torch.cat(parts, dim=1)
@@ -235,7 +235,7 @@ def _reference_evidence(
     images, pairs = [], []
     for i in range(count):
         c, d, s = 2 + i, 2 + count + i, 2 + 2 * count + i
-        area, mine = seen[:, i].clamp_min(SEEN), products[:, c, c] + TINY
+        area, mine = seen[:, i].clamp_min(MIN_VISIBLE_SHARE), products[:, c, c] + EPSILON
         squares = (
             products[:, d, d],
             products[:, d, d] + products[:, c, c] - 2 * products[:, c, d],
@@ -258,9 +258,9 @@ def _reference_evidence(
             both = products[:, d, e]
             between = (products[:, d, d] + products[:, e, e] - 2 * both).clamp_min(0).sqrt()
             lengths = products[:, d, d].clamp_min(0) * products[:, e, e].clamp_min(0)
-            alike = both / (lengths.sqrt() + TINY)
+            alike = both / (lengths.sqrt() + EPSILON)
             pairs.append(torch.stack([between, both, alike], dim=1))
-    says = [seen[:, i] > SEEN for i in range(count)]
+    says = [seen[:, i] > MIN_VISIBLE_SHARE for i in range(count)]
     both_say = [says[i] & says[j] for i in range(count) for j in range(i)]
     empty = torch.zeros_like(products[:, :1, 0])
     return [*_summary(images, says, empty, OF_REFERENCE), *_summary(pairs, both_say, empty, OF_PAIR)]

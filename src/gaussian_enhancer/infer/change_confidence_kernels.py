@@ -8,7 +8,7 @@ from typing import no_type_check
 import numpy as np
 from numba import prange
 
-from gaussian_enhancer.infer.colour_completion_kernels import cells_along, cells_around, read_between
+from gaussian_enhancer.infer.colour_completion_kernels import cells_along, cells_around, interpolate_cells
 from gaussian_enhancer.splat.compiled import inner, kernel
 
 _F = np.float32
@@ -118,7 +118,7 @@ def apply_shares(enhanced, render, shares, block, result):
                 row_planes[k, j] = planes[k, above, j] + row_fraction * (planes[k, below, j] - planes[k, above, j])
         pixel_planes = np.empty((5, width), np.float32)
         for k in range(5):
-            read_between(row_planes[k], left, right, column_fractions, pixel_planes[k])
+            interpolate_cells(row_planes[k], left, right, column_fractions, pixel_planes[k])
         for c in range(3):
             _apply_row(
                 enhanced[c, y], render[c, y], pixel_planes[0], pixel_planes[1], pixel_planes[2 + c], result[c, y]

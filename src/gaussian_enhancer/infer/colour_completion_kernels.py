@@ -33,7 +33,7 @@ def complete(enhanced, render, opaque, model, result):
                 row_model[k, j] = model[k, above, j] + row_fraction * (model[k, below, j] - model[k, above, j])
         pixel_model = np.empty((planes, width), np.float32)
         for k in range(planes):
-            read_between(row_model[k], left, right, column_fractions, pixel_model[k])
+            interpolate_cells(row_model[k], left, right, column_fractions, pixel_model[k])
         for c in range(3):
             for x in range(width):
                 change = pixel_model[9 + c, x]
@@ -67,7 +67,7 @@ def cells_along(pixels, count, cells):
 
 @inner
 @no_type_check
-def read_between(values, first, second, share, result):
+def interpolate_cells(values, first, second, share, result):
     """Write values interpolated linearly between cells."""
     for x in range(len(result)):
         result[x] = values[first[x]] + share[x] * (values[second[x]] - values[first[x]])

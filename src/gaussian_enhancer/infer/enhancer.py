@@ -12,10 +12,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.align.alignment import Pixels, Reprojected, Unwarped
+from gaussian_enhancer.align.alignment import LoadedView, Reprojected, Unwarped
 from gaussian_enhancer.align.depth_normalisation import depth_unit
 from gaussian_enhancer.align.exposure import apply_colour
-from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
+from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool, build_network_input, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.change_confidence import ChangeConfidence
 from gaussian_enhancer.infer.colour_completion import complete_change
@@ -36,7 +36,7 @@ from gaussian_enhancer.types import Camera, NetworkInput, usable_depth
 
 
 @dataclass(frozen=True)
-class Enhanced:
+class EnhancedView:
     """One enhanced view.
 
     Args:
@@ -90,7 +90,7 @@ class SetEnhancer:
             colour_clamping has none by the network or the warp.
         pass_through: return the render itself where no reference is visible in a view. A network that was trained with
             references can only guess without any. It has no effect on super-resolution.
-        keeps_coverage: return the coverage of each view by references as well (`Enhanced`).
+        keeps_coverage: return the coverage of each view by references as well (`EnhancedView`).
 
     Raises:
         InputError: precision, strength, temporal_smoothing or colour_clamping is out of range.
@@ -143,9 +143,9 @@ class SetEnhancer:
         self,
         rendered: RenderedSet,
         planner: Planner | None = None,
-        pool: Pool | None = None,
+        pool: ReferencePool | None = None,
         features: ReferenceFeatures | None = None,
-    ) -> Iterator[Enhanced]:
+    ) -> Iterator[EnhancedView]:
         """Enhance each target of a set, in its order.
 
         A target with the name and the camera of a reference is a view that the splat was fitted to. If the fit has
@@ -163,7 +163,7 @@ class SetEnhancer:
             InputError: a view cannot be read, or has no camera or depth where alignment or smoothing needs it.
         """
         previous: PreviousChange | None = None
-        pool = planner.pool if planner is not None else Pool(rendered.references) if pool is None else pool
+        pool = planner.pool if planner is not None else ReferencePool(rendered.references) if pool is None else pool
         fitted_views: dict[str, int] = {}
         if self.reference_config.references and self.network.scale == 1:
             fitted_views = {view.name: i for i, view in enumerate(pool.views) if view.read_photo is not None}
@@ -182,9 +182,9 @@ class SetEnhancer:
         self,
         rendered: RenderedSet,
         planner: Planner | None,
-        pool: Pool,
+        pool: ReferencePool,
         features: ReferenceFeatures | None,
-    ) -> Iterator[tuple[Enhanced, Pixels]]:
+    ) -> Iterator[tuple[EnhancedView, LoadedView]]:
         """Enhance each target independently; yield it with the target's pixels."""
         if not rendered.targets:
             raise InputError(rendered.name, "has no render to enhance", "render held-out views first")
@@ -202,19 +202,21 @@ class SetEnhancer:
             on_device = target.to_device(self.device)
             aligned = self.reference_config.align(on_device, view, pool, chosen_references)
             aligned_at = time.perf_counter()
-            views = join(on_device, aligned)
+            views = build_network_input(on_device, aligned)
             image = self.enhance(views, aligned.names, feature_cache)[0]
             enhanced_at = time.perf_counter()
             milliseconds = 1e3 * (aligned_at - started), 1e3 * (enhanced_at - aligned_at)
             coverage = aligned.visibility.sum(0).cpu() if self.keeps_coverage else None
             yield (
-                Enhanced(view.name, image, *milliseconds, aligned.names, plan, coverage, self._passes_through(views)),
+                EnhancedView(
+                    view.name, image, *milliseconds, aligned.names, plan, coverage, self._passes_through(views)
+                ),
                 target,
             )
 
     def _enhance_regions(
-        self, view: RenderedView, target: Pixels, planner: Planner, plan: ViewPlan, started: float
-    ) -> Enhanced:
+        self, view: RenderedView, target: LoadedView, planner: Planner, plan: ViewPlan, started: float
+    ) -> EnhancedView:
         """Enhance the planned regions of a view, each as a separate image; the rest stays as it was rendered."""
         height, width = plan.size
         scale, chosen_references = self.network.scale, planner.reference_indices(plan)
@@ -230,33 +232,37 @@ class SetEnhancer:
                 crop, dataclasses.replace(view, camera=crop.camera), planner.pool, chosen_references
             )
             aligned_at = time.perf_counter()
-            enhanced = self.enhance(join(crop, aligned, scene_depth_unit), aligned.names)[0]
+            enhanced = self.enhance(build_network_input(crop, aligned, scene_depth_unit), aligned.names)[0]
             network_seconds += time.perf_counter() - aligned_at
-            region.cut(image, scale).copy_(region.relative_to(grown).cut(enhanced, scale))
+            region.crop(image, scale).copy_(region.relative_to(grown).crop(enhanced, scale))
             names = names or aligned.names
             if coverage is not None:
-                region.cut(coverage).copy_(region.relative_to(grown).cut(aligned.visibility.sum(0).cpu()))
+                region.crop(coverage).copy_(region.relative_to(grown).crop(aligned.visibility.sum(0).cpu()))
         preparation_seconds = time.perf_counter() - started - network_seconds
-        return Enhanced(view.name, image, 1e3 * preparation_seconds, 1e3 * network_seconds, names, plan, coverage)
+        return EnhancedView(view.name, image, 1e3 * preparation_seconds, 1e3 * network_seconds, names, plan, coverage)
 
     def _passes_through(self, views: NetworkInput) -> bool:
         """Whether views are returned unchanged, since no reference is visible in them."""
         return self.pass_through and self.network.scale == 1 and not bool((views.visibility > 0).any())
 
-    def _cannot_be_smoothed(self, one: Enhanced, target: Pixels) -> bool:
+    def _cannot_be_smoothed(self, enhanced_view: EnhancedView, target: LoadedView) -> bool:
         """Whether a view has no camera or depth for smoothing, which the plan permits by using no references."""
-        return one.plan is not None and one.plan.references == () and (target.camera is None or target.depth is None)
+        return (
+            enhanced_view.plan is not None
+            and enhanced_view.plan.references == ()
+            and (target.camera is None or target.depth is None)
+        )
 
     @torch.inference_mode()
     def enhance(
-        self, views: NetworkInput, names: Sequence[str] = (), kept: ReferenceFeatures | None = None
+        self, views: NetworkInput, names: Sequence[str] = (), reference_features: ReferenceFeatures | None = None
     ) -> Float[Tensor, "b 3 H W"]:
         """Run the network, in tiles where the image is large; the result is on the CPU, in [0, 1].
 
         Args:
             views: the network's input for the targets.
             names: of the references; keys of the cache.
-            kept: a cache of reference features for several targets; no effect where the image needs several tiles.
+            reference_features: cached features for several targets; without effect if the image needs several tiles.
 
         Raises:
             InputError: values are not finite or far out of range.
@@ -268,8 +274,8 @@ class SetEnhancer:
         if views.depth is not None and not bool(usable_depth(views.depth).any()):
             views = dataclasses.replace(views, depth=None, depth_unit=None)
         with torch.autocast(self.device.type, self.dtype, enabled=self.dtype != torch.float32):
-            if kept is not None and max(views.render.shape[-2:]) <= self.tile:
-                enhanced = kept.network(views, kept(views, names))
+            if reference_features is not None and max(views.render.shape[-2:]) <= self.tile:
+                enhanced = reference_features.network(views, reference_features(views, names))
             else:
                 tile = self.tile if self.network.scale == 1 else 2 * self.tile
                 enhanced = enhance_tiled(self.network, views, tile, self.halo, scale=self.network.scale)
@@ -289,14 +295,14 @@ class SetEnhancer:
         return enhanced.clamp(0, 1).cpu()
 
 
-def _same_place(camera: Camera | None, other: Camera | None) -> bool:
+def _same_pose(camera: Camera | None, other: Camera | None) -> bool:
     """Whether both cameras are known and have the same pose."""
     if camera is None or other is None:
         return False
     return torch.allclose(camera.world_to_camera.float(), other.world_to_camera.float(), rtol=1e-4, atol=1e-5)
 
 
-def _better_as_rendered(target: Pixels, enhanced: Float[Tensor, "3 h w"], pool: Pool, number: int) -> bool:
+def _better_as_rendered(target: LoadedView, enhanced: Float[Tensor, "3 h w"], pool: ReferencePool, number: int) -> bool:
     """Whether the splat was fitted to a view, and its render is closer than the enhanced image to its photo.
 
     The measure is the mean squared error. The photo's exposure is matched to that of the render.
@@ -307,7 +313,7 @@ def _better_as_rendered(target: Pixels, enhanced: Float[Tensor, "3 h w"], pool: 
         pool: references.
         number: index of the reference that has the view's name.
     """
-    if not _same_place(target.camera, pool.views[number].camera):
+    if not _same_pose(target.camera, pool.views[number].camera):
         return False
     fitted_photo, render = pool.read(number), target.image
     photo = resize(fitted_photo.image, *render.shape[-2:]).to(render)

@@ -20,7 +20,7 @@ from torch.export import Dim, ExportedProgram
 
 from gaussian_enhancer.align.depth_normalisation import depth_unit
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.infer.weights import Pretrained
 from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.network.pyramid import pad_to_stride
@@ -206,7 +206,7 @@ def export_network(
     program = trace_network(pretrained, signature)
     metadata = json.dumps(dataclasses.asdict(signature))
     path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         if form == "onnx":
             _write_onnx(program, signature, metadata, temporary)
         else:

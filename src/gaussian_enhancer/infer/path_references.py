@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, field, fields
 
-from gaussian_enhancer.align.alignment import Pixels
-from gaussian_enhancer.align.references import Pool, ReferenceConfig
+from gaussian_enhancer.align.alignment import LoadedView
+from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool
 from gaussian_enhancer.scene.neighbours import rank_references
 from gaussian_enhancer.scene.rendered import RenderedView
 
@@ -35,7 +35,7 @@ class PathReferences(ReferenceConfig):
         """
         return cls(**{item.name: getattr(config, item.name) for item in fields(ReferenceConfig)}, hysteresis=hysteresis)
 
-    def nearest(self, target: Pixels, view: RenderedView, pool: Pool) -> tuple[int, ...]:
+    def nearest_candidates(self, target: LoadedView, view: RenderedView, pool: ReferencePool) -> tuple[int, ...]:
         """Indices of the pool's candidate references for the next frame, nearest first."""
         if not self.references:
             return ()

@@ -101,7 +101,7 @@ class ViewPlan:
     left_out: Mapping[str, float] = field(default_factory=dict)
 
     @property
-    def passed(self) -> float:
+    def passed_share(self) -> float:
         """Share of the pixels that are passed through."""
         if self.regions is None:
             return 0.0
@@ -125,10 +125,10 @@ class Plan:
     views: tuple[ViewPlan, ...] = ()
 
     @property
-    def passed(self) -> float:
+    def passed_share(self) -> float:
         """Share of all pixels that are passed through."""
         total = sum(view.size[0] * view.size[1] for view in self.views)
-        return sum(view.passed * view.size[0] * view.size[1] for view in self.views) / max(1, total)
+        return sum(view.passed_share * view.size[0] * view.size[1] for view in self.views) / max(1, total)
 
     def table(self) -> str:
         """The plan as text: one line a part, then what the views leave out."""
@@ -137,7 +137,7 @@ class Plan:
             if self.rules.references == "auto":
                 lines.append(("candidates", "", self._candidates()))
             if self.rules.tiles == "auto":
-                share = f"{self.passed:.0%}" if self.passed else "none"
+                share = f"{self.passed_share:.0%}" if self.passed_share else "none"
                 lines.append(("pixels", "", f"{share} show plain background and are passed through"))
         return "\n".join(f"{name:<18}{used:<5}{why}".rstrip() for name, used, why in lines)
 

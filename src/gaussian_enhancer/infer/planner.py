@@ -10,15 +10,15 @@ import torch.nn.functional as F
 from jaxtyping import Bool
 from torch import Tensor
 
-from gaussian_enhancer.align.alignment import Aligned, Pixels, Reprojected
+from gaussian_enhancer.align.alignment import AlignedReferences, LoadedView, Reprojected
 from gaussian_enhancer.align.coarse_visibility import coarse_visibility, coarsen, visible_shares
-from gaussian_enhancer.align.references import Pool, ReferenceConfig
+from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool
 from gaussian_enhancer.infer.plan import Rules, ViewPlan
 from gaussian_enhancer.infer.regions import background_blocks, cover_with_regions
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import Region
 
-WHOLE = 0.9
+WHOLE_IMAGE_SHARE = 0.9
 """Share of the image above which regions with their margins cost as much as the whole image."""
 
 
@@ -29,7 +29,7 @@ class Planner:
         rules: what may be left out.
         reference_config: how references are chosen and aligned, as far as the input allows.
         rendered: the set that is enhanced.
-        known: plans of views that were made before.
+        existing_plans: plans of views that were made before.
         pool: the set's references, where some are in memory already.
     """
 
@@ -38,16 +38,16 @@ class Planner:
         rules: Rules,
         reference_config: ReferenceConfig,
         rendered: RenderedSet,
-        known: Iterable[ViewPlan] = (),
-        pool: Pool | None = None,
+        existing_plans: Iterable[ViewPlan] = (),
+        pool: ReferencePool | None = None,
     ) -> None:
         self.rules, self.reference_config, self.background = rules, reference_config, rendered.background
-        self.pool = Pool(rendered.references) if pool is None else pool
+        self.pool = ReferencePool(rendered.references) if pool is None else pool
         self.index = {view.name: number for number, view in enumerate(rendered.references)}
-        self.known = {view.name: view for view in known}
-        self._small: dict[int, Pixels] = {}
+        self.known = {view.name: view for view in existing_plans}
+        self._coarse_references: dict[int, LoadedView] = {}
 
-    def __call__(self, view: RenderedView, target: Pixels) -> ViewPlan:
+    def __call__(self, view: RenderedView, target: LoadedView) -> ViewPlan:
         """The plan of a view; it is made once.
 
         Args:
@@ -62,7 +62,7 @@ class Planner:
         """The references of a plan as indices into the pool; None leaves the choice to the reference configuration."""
         return None if plan.references is None else tuple(self.index[name] for name in plan.references)
 
-    def _make_plan(self, view: RenderedView, target: Pixels) -> ViewPlan:
+    def _make_plan(self, view: RenderedView, target: LoadedView) -> ViewPlan:
         height, width = target.image.shape[-2:]
         plan, warp, coarse_view, needed = ViewPlan(view.name, (height, width)), self.reference_config.warp, None, None
         if self.reference_config.references and not self.reference_config.can_align(view):
@@ -74,37 +74,39 @@ class Planner:
             needed = None if bool(foreground.all()) else foreground
         looking = needed is not None or (self.rules.references == "auto" and height * width > self.rules.small)
         if isinstance(warp, Reprojected) and self.reference_config.references and looking:
-            indices = self.reference_config.nearest(target, view, self.pool)
+            indices = self.reference_config.nearest_candidates(target, view, self.pool)
             small = coarsen(target)
             coarse_view = coarse_visibility(warp, small, [self._coarse_reference(index) for index in indices])
             if self.rules.references == "auto":
                 plan = self._with_references(plan, visible_shares(coarse_view, small.alpha))
         return plan if needed is None else replace(plan, regions=self._regions(needed, coarse_view, height, width))
 
-    def _coarse_reference(self, index: int) -> Pixels:
+    def _coarse_reference(self, index: int) -> LoadedView:
         """A reference on a coarse grid, which stays in memory."""
-        if index not in self._small:
-            self._small[index] = coarsen(self.pool.read(index, self.reference_config.fine))
-        return self._small[index]
+        if index not in self._coarse_references:
+            self._coarse_references[index] = coarsen(self.pool.read(index, self.reference_config.fine))
+        return self._coarse_references[index]
 
-    def _with_references(self, plan: ViewPlan, found: dict[str, float]) -> ViewPlan:
+    def _with_references(self, plan: ViewPlan, shares: dict[str, float]) -> ViewPlan:
         """The plan with the best candidates that see enough."""
-        enough = [name for name, share in found.items() if share >= self.rules.share]
+        enough = [name for name, share in shares.items() if share >= self.rules.share]
         used = tuple(enough[: self.reference_config.references])
-        left = {name: round(share, 4) for name, share in found.items() if name not in used}
+        left = {name: round(share, 4) for name, share in shares.items() if name not in used}
         return replace(plan, references=used, left_out=left)
 
     def _regions(
-        self, needed: Bool[Tensor, "i j"], seen: Aligned | None, height: int, width: int
+        self, needed: Bool[Tensor, "i j"], aligned: AlignedReferences | None, height: int, width: int
     ) -> tuple[Region, ...] | None:
         """The regions that are enhanced; None where they are nearly all of the image."""
-        if seen is not None:
-            needed = needed | self._contradicted_background(seen, *needed.shape)
+        if aligned is not None:
+            needed = needed | self._contradicted_background(aligned, *needed.shape)
         regions = cover_with_regions(needed, height, width, self.rules.margin)
         cost = sum(region.expand(self.rules.margin, height, width).area for region in regions)
-        return None if cost > WHOLE * height * width else regions
+        return None if cost > WHOLE_IMAGE_SHARE * height * width else regions
 
-    def _contradicted_background(self, seen: Aligned, rows: int, columns: int) -> Bool[Tensor, "{rows} {columns}"]:
+    def _contradicted_background(
+        self, seen: AlignedReferences, rows: int, columns: int
+    ) -> Bool[Tensor, "{rows} {columns}"]:
         """Blocks where a reference shows something that is not the background."""
         colour = seen.references.new_tensor(self.background)[:, None, None]
         differs = ((seen.references - colour).abs().amax(1) > self.rules.tolerance) & (seen.visibility[:, 0] > 0.5)

@@ -13,7 +13,7 @@ from gaussian_enhancer.scene.posed import ReadCoverage, ReadPhoto
 from gaussian_enhancer.scene.rendered import RenderedView
 
 
-def file_reads(
+def validation_reads(
     found: ValidatedInputs, keep_photos: bool, planner: Planner | None, rendering: bool
 ) -> list[Callable[[], object]]:
     """The reads that find damaged files before the first image is written.
@@ -35,11 +35,11 @@ def file_reads(
         if isinstance(view.read, ReadPhoto) or (planner is not None and rendering):
             reads.append(partial(_plan_and_read, found, view, planner))
         else:
-            reads += _from_files([view.read_depth, view.read_alpha])
-        reads += _from_files([view.read_photo, view.read_fine_photo]) if keep_photos else []
+            reads += _file_readers([view.read_depth, view.read_alpha])
+        reads += _file_readers([view.read_photo, view.read_fine_photo]) if keep_photos else []
     any_from_splat = any(not isinstance(view.read, ReadPhoto) for view in found.rendered.targets)
     for view in found.rendered.references if any_from_splat and found.reference_config.references else ():
-        reads += _from_files([view.read_photo, view.read_depth, view.read, view.read_fine_photo])
+        reads += _file_readers([view.read_photo, view.read_depth, view.read, view.read_fine_photo])
     return reads
 
 
@@ -50,9 +50,9 @@ def _plan_and_read(found: ValidatedInputs, view: RenderedView, planner: Planner 
     if plan is not None and plan.regions == ():
         return
     chosen = None if planner is None or plan is None else planner.reference_indices(plan)
-    for index in found.reference_config.nearest(target, view, found.pool) if chosen is None else chosen:
+    for index in found.reference_config.nearest_candidates(target, view, found.pool) if chosen is None else chosen:
         found.pool.read(index, found.reference_config.fine)
 
 
-def _from_files(reads: Iterable[Callable[[], Tensor] | None]) -> list[Callable[[], Tensor]]:
+def _file_readers(reads: Iterable[Callable[[], Tensor] | None]) -> list[Callable[[], Tensor]]:
     return [read for read in reads if isinstance(read, ReadPhoto | ReadDepth | ReadCoverage)]

@@ -72,7 +72,7 @@ def read_presets(path: Path) -> tuple[Preset, ...]:
     return tuple(sorted(presets, key=lambda one: one.milliseconds))
 
 
-def choose(presets: Sequence[Preset], budget: float, megapixels: float, speed: float) -> tuple[Preset, str]:
+def choose_preset(presets: Sequence[Preset], budget: float, megapixels: float, speed: float) -> tuple[Preset, str]:
     """Choose the preset with the best quality within a budget.
 
     Args:

@@ -11,7 +11,7 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from gaussian_enhancer.align.alignment import Pixels
+from gaussian_enhancer.align.alignment import LoadedView
 from gaussian_enhancer.types import Region
 
 BLOCK = 16
@@ -77,7 +77,7 @@ def cover_with_regions(needed: Bool[Tensor, "i j"], height: int, width: int, mar
     return tuple(map(pixels, divided(_tight_box(mask, (0, 0, *mask.shape)))))
 
 
-def cut_pixels(target: Pixels, region: Region) -> Pixels:
+def cut_pixels(target: LoadedView, region: Region) -> LoadedView:
     """Crop a target and its camera to a region.
 
     Args:
@@ -86,10 +86,10 @@ def cut_pixels(target: Pixels, region: Region) -> Pixels:
     """
     return replace(
         target,
-        image=region.cut(target.image),
-        camera=None if target.camera is None else target.camera.cut(region),
-        depth=None if target.depth is None else region.cut(target.depth),
-        alpha=None if target.alpha is None else region.cut(target.alpha),
+        image=region.crop(target.image),
+        camera=None if target.camera is None else target.camera.crop(region),
+        depth=None if target.depth is None else region.crop(target.depth),
+        alpha=None if target.alpha is None else region.crop(target.alpha),
     )
 
 

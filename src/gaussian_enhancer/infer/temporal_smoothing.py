@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.align.alignment import Pixels
+from gaussian_enhancer.align.alignment import LoadedView
 from gaussian_enhancer.align.reproject import reproject
 from gaussian_enhancer.errors import InputError
 
@@ -26,11 +26,11 @@ class PreviousChange:
     """
 
     change: Float[Tensor, "3 h w"]
-    target: Pixels
+    target: LoadedView
 
 
 def smooth_change(
-    image: Float[Tensor, "3 h w"], target: Pixels, before: PreviousChange | None, share: float
+    image: Float[Tensor, "3 h w"], target: LoadedView, before: PreviousChange | None, share: float
 ) -> tuple[Float[Tensor, "3 h w"], PreviousChange]:
     """Average a frame's change with that of the frame before, which is warped through the rendered depth.
 

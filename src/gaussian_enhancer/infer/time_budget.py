@@ -15,22 +15,22 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf, open_dict
 from rich.console import Console
 
-from gaussian_enhancer.checkpoint import SHIPPED
+from gaussian_enhancer.checkpoint import SHIPPED_FOLDER
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
-from gaussian_enhancer.infer.presets import Preset, choose, read_presets
+from gaussian_enhancer.infer.presets import Preset, choose_preset, read_presets
 from gaussian_enhancer.metrics.cost import time_interleaved
 from gaussian_enhancer.scene.in_memory import single_target_sets
 from gaussian_enhancer.scene.rendered import RenderedSet
 
-PRESETS = SHIPPED / "settings.json"
+PRESETS = SHIPPED_FOLDER / "settings.json"
 
-CHOSEN = ("weights", "max_references", "precision", "tile")
+BUDGET_KEYS = ("weights", "max_references", "precision", "tile")
 """What a budget decides and therefore cannot be given beside it."""
 
 
-def within_budget(
+def apply_budget(
     cfg: DictConfig, ready: Callable[[DictConfig, torch.device], Any], device: torch.device, console: Console
 ) -> DictConfig:
     """Replace ``budget_ms`` in a configuration by the best preset that keeps within it.
@@ -53,12 +53,12 @@ def within_budget(
     budget = cfg.budget_ms
     if isinstance(budget, bool) or not isinstance(budget, int | float) or not 0 < budget < math.inf:
         raise InputError("budget_ms", f"is {budget!r}", "give milliseconds an image, above 0")
-    _refuse_given(cfg)
+    _refuse_overridden(cfg)
     presets = read_presets(PRESETS)
     enhancer, task, *_ = ready(_apply_preset(cfg, presets[0]), device)
     milliseconds, megapixels = time_first_view(enhancer, task.rendered)
     speed = milliseconds / (presets[0].milliseconds * megapixels)
-    chosen, line = choose(presets, float(budget), megapixels, speed)
+    chosen, line = choose_preset(presets, float(budget), megapixels, speed)
     print_line(console, line)
     return _apply_preset(cfg, chosen)
 
@@ -94,11 +94,11 @@ def _apply_preset(cfg: DictConfig, preset: Preset) -> DictConfig:
     return chosen
 
 
-def _refuse_given(cfg: DictConfig) -> None:
+def _refuse_overridden(cfg: DictConfig) -> None:
     """Refuse options that the budget decides, where the user named one or gave another value than the default."""
     defaults = compose("enhance")
     overrides = HydraConfig.get().overrides.task if HydraConfig.initialized() else ()
     named = {word.split("=")[0].lstrip("+") for word in overrides}
-    for key in CHOSEN:
+    for key in BUDGET_KEYS:
         if key in named or cfg[key] != defaults[key]:
             raise InputError(key, f"is {cfg[key]!r} beside budget_ms, which decides it", "give one of the two")

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from gaussian_enhancer.align.alignment import Pixels, Reprojected
+from gaussian_enhancer.align.alignment import LoadedView, Reprojected
 from gaussian_enhancer.align.coarse_visibility import coarsen
-from gaussian_enhancer.align.references import Pool, ReferenceConfig, read_target
+from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.plan import PlanItem, Rules, ViewPlan
 from gaussian_enhancer.infer.planner import Planner
@@ -15,9 +15,9 @@ from gaussian_enhancer.scene.neighbours import rank_references
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import usable_depth
 
-SCALED = (0.1, 0.5, 2.0, 10.0)
+DEPTH_FACTORS = (0.1, 0.5, 2.0, 10.0)
 """Factors: a depth is doubted where the depth times one of them agrees clearly better with the renders."""
-CLEARLY = 0.9
+BETTER_RATIO = 0.9
 """A depth is doubted where another one's disagreement is below this share of its own.
 
 Of six training fits of all families and methods, the plane's is 1.15 to 2.1 times that through the splat's depth and
@@ -40,19 +40,19 @@ class ValidatedInputs:
     rendered: RenderedSet
     reference_config: ReferenceConfig
     parts: tuple[PlanItem, ...]
-    pool: Pool
+    pool: ReferencePool
     unreached: tuple[str, ...] = ()
 
-    def planner(self, rules: Rules, known: Iterable[ViewPlan] = ()) -> Planner | None:
+    def planner(self, rules: Rules, existing_plans: Iterable[ViewPlan] = ()) -> Planner | None:
         """The planner of the views; None where nothing may be left out and every view can have references.
 
         Args:
             rules: what may be left out.
-            known: plans of views that were made before.
+            existing_plans: plans of views that were made before.
         """
         if rules.full and not self.unreached:
             return None
-        return Planner(rules, self.reference_config, self.rendered, known, self.pool)
+        return Planner(rules, self.reference_config, self.rendered, existing_plans, self.pool)
 
     @property
     def missing_references(self) -> tuple[str, ...]:
@@ -65,7 +65,7 @@ def validate_inputs(
     reference_config: ReferenceConfig,
     rules: Rules,
     scale: int = 1,
-    pool: Pool | None = None,
+    pool: ReferencePool | None = None,
     origins: Mapping[str, str] = {},
 ) -> ValidatedInputs:
     """Leave out of the input what cannot be used.
@@ -91,10 +91,10 @@ def validate_inputs(
     if rules.references == "auto":
         rendered, bare = _with_cameras(rendered)
     if pool is None or pool.views is not rendered.references:
-        pool = Pool(rendered.references)
+        pool = ReferencePool(rendered.references)
     rendered, depth = _depth_part(rendered, reference_config, rules, pool, origins.get("depth", ""))
     if rendered.references is not pool.views:
-        pool = Pool(rendered.references)
+        pool = ReferencePool(rendered.references)
     parts += [_camera_part(rendered, origins.get("cameras", "")), depth]
     if reference_config.fine:
         fine = all(view.read_fine_photo is not None for view in rendered.references)
@@ -110,11 +110,11 @@ def validate_inputs(
     return ValidatedInputs(rendered, reference_config, tuple(parts), pool, unreached)
 
 
-def depth_doubt(pool: Pool, reference_config: ReferenceConfig, views: Sequence[RenderedView]) -> str:
+def depth_mismatch_reason(pool: ReferencePool, reference_config: ReferenceConfig, views: Sequence[RenderedView]) -> str:
     """Reason why depth does not fit the renders; empty where it does, or where that cannot be judged.
 
     The renders of the two nearest references are warped to each view on a coarse grid: through the depth, through the
-    depth times each of `SCALED`, and through a plane at its median. Where one of the others agrees clearly better with
+    depth times each of `DEPTH_FACTORS`, and through a plane at its median. Where one of the others agrees clearly better with
     the render in every view, the depth has another scale, or is another quantity such as inverse depth.
 
     Args:
@@ -136,19 +136,19 @@ def depth_doubt(pool: Pool, reference_config: ReferenceConfig, views: Sequence[R
         if small.depth is None or not bool(usable_depth(small.depth).any()):
             continue
         median = float(small.depth[usable_depth(small.depth)].median())
-        others = {f"{times:g} times as deep": small.depth * times for times in SCALED}
+        others = {f"{times:g} times as deep": small.depth * times for times in DEPTH_FACTORS}
         others["a flat plane"] = torch.full_like(small.depth, median)
         differences = _colour_disagreement(warp, small, references)
         best = min(
             (_colour_disagreement(warp, replace(small, depth=z), references), name) for name, z in others.items()
         )
-        if best[0] >= CLEARLY * differences:
+        if best[0] >= BETTER_RATIO * differences:
             return ""  # one view that it fits is enough, and the others need not be looked at
         better = better or best[1]
     return f"the depth is none of what the renders show ({better} fits better)" if better else ""
 
 
-def _colour_disagreement(warp: Reprojected, target: Pixels, references: Sequence[Pixels]) -> float:
+def _colour_disagreement(warp: Reprojected, target: LoadedView, references: Sequence[LoadedView]) -> float:
     """Mean colour difference of warped references to the render; infinite where they see less than a tenth of it."""
     exposed = any(reference.render is None for reference in references)  # renders are of the target's exposure as it is
     doubting = replace(warp, depth="exact", photo_consistency=None, match_colour=warp.match_colour and exposed)
@@ -177,7 +177,7 @@ def _camera_part(rendered: RenderedSet, origin: str) -> PlanItem:
 
 
 def _depth_part(
-    rendered: RenderedSet, reference_config: ReferenceConfig, rules: Rules, pool: Pool, origin: str
+    rendered: RenderedSet, reference_config: ReferenceConfig, rules: Rules, pool: ReferencePool, origin: str
 ) -> tuple[RenderedSet, PlanItem]:
     """The set without depth where depth is not used, and the plan's part on depth."""
     kind = reference_config.warp.depth if isinstance(reference_config.warp, Reprojected) else "as given"
@@ -186,7 +186,7 @@ def _depth_part(
         return rendered, PlanItem("depth", False, "not given")
     why = "switched off" if rules.depth == "none" else ""
     if rules.depth == "auto" and not rendered.own_depth:
-        why = depth_doubt(pool, reference_config, with_depth[:: max(1, (len(with_depth) + 1) // 2)][:2])
+        why = depth_mismatch_reason(pool, reference_config, with_depth[:: max(1, (len(with_depth) + 1) // 2)][:2])
     if not why:
         return rendered, PlanItem("depth", True, origin or kind)
     targets, references = (

@@ -18,8 +18,8 @@ from torch import Tensor, nn
 from gaussian_enhancer.align.alignment import Reprojected, Unwarped, Warp
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.checkpoint import (
-    MEND,
-    build_filled,
+    REMEDY,
+    build_and_load,
     check_whole_number,
     find_checkpoint,
     parse_metadata,
@@ -47,11 +47,11 @@ STAGES: dict[str, tuple[type[Any], ...]] = {
 }
 PARTS = ("first", "second")
 """Parameters of a network that are networks."""
-LONGEST = 6
+MAX_LIST_LENGTH = 6
 """Entries of a list in a design."""
 LONGEST_WORD = 64
 """Letters of a word in a design."""
-CONFIDENCE = "confidence."
+CONFIDENCE_PREFIX = "confidence."
 """What the names of a change confidence's values begin with, beside the network's own."""
 KINDS: dict[str, type[Any]] = {kind.__name__: kind for kinds in (*STAGES.values(), WARPS) for kind in kinds}
 
@@ -119,7 +119,7 @@ def save_weights(
     values = network.state_dict()
     if confidence is not None:
         metadata["confidence"] = json.dumps({"hidden": confidence.hidden})
-        values |= {f"{CONFIDENCE}{name}": value for name, value in confidence.state_dict().items()}
+        values |= {f"{CONFIDENCE_PREFIX}{name}": value for name, value in confidence.state_dict().items()}
     write_checkpoint(path, values, metadata)
 
 
@@ -135,22 +135,24 @@ def load_weights(source: str | Path) -> Pretrained:
     path = find_checkpoint(source)
     tensors, metadata = read_checkpoint(path, FORMAT)
     design, prepared, card = (parse_metadata(metadata, name, path) for name in ("design", "reference_config", "card"))
-    judging = {name.removeprefix(CONFIDENCE): v for name, v in tensors.items() if name.startswith(CONFIDENCE)}
-    tensors = {name: value for name, value in tensors.items() if not name.startswith(CONFIDENCE)}
+    judging = {
+        name.removeprefix(CONFIDENCE_PREFIX): v for name, v in tensors.items() if name.startswith(CONFIDENCE_PREFIX)
+    }
+    tensors = {name: value for name, value in tensors.items() if not name.startswith(CONFIDENCE_PREFIX)}
     try:
-        network = build_filled(lambda: build_design(design), design, tensors, path)
+        network = build_and_load(lambda: build_design(design), design, tensors, path)
         reference_config = build_reference_config(prepared)
         confidence = _confidence(judging, parse_metadata(metadata, "confidence", path), path) if judging else None
     except InputError:
         raise
     except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError, RuntimeError) as error:
-        raise InputError(path, f"describes no network that this version knows ({error})", MEND) from error
+        raise InputError(path, f"describes no network that this version knows ({error})", REMEDY) from error
     return Pretrained(network.eval(), reference_config, card, confidence)
 
 
 def _confidence(tensors: Mapping[str, Tensor], design: Mapping[str, Any], path: Path) -> ChangeConfidence:
     hidden = check_whole_number(design["hidden"], 1, 1024)
-    return build_filled(lambda: ChangeConfidence(hidden), design, tensors, path).eval()
+    return build_and_load(lambda: ChangeConfidence(hidden), design, tensors, path).eval()
 
 
 def design_of(network: Network) -> dict[str, Any]:
@@ -167,7 +169,7 @@ def _plain_design(design: Mapping[str, Any]) -> dict[str, Any]:
     return {name: plain(name, value) for name, value in design.items()}
 
 
-def take_values(network: Network, begun: Network) -> None:
+def copy_values(network: Network, begun: Network) -> None:
     """Give a network the values of another one of its design, to train it further.
 
     Parts that the other one lacks and that change nothing before training (`ZERO_INITIALISED`) stay as they are.
@@ -245,8 +247,8 @@ def _value(name: str, value: Any, annotation: Any) -> Any:
         return _part(value, STAGES[name])
     if get_origin(annotation) is Sequence:
         (entry,) = get_args(annotation)
-        if not isinstance(value, list) or not 1 <= len(value) <= LONGEST:
-            raise ValueError(f"{name} is {value!r}, no list of 1 to {LONGEST} entries")
+        if not isinstance(value, list) or not 1 <= len(value) <= MAX_LIST_LENGTH:
+            raise ValueError(f"{name} is {value!r}, no list of 1 to {MAX_LIST_LENGTH} entries")
         return [_scalar(name, one, entry) for one in value]
     return _scalar(name, value, annotation)
 

@@ -12,7 +12,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.ssim import gaussian, ssim_map
+from gaussian_enhancer.ssim import ssim_map, window_weights
 
 Images = Float[Tensor, "b c h w"]
 
@@ -78,7 +78,7 @@ def _window_means(images: Float[Tensor, "*n h w"]) -> Float[Tensor, "*n h w"]:
 def _window_band(length: int, like: Tensor) -> Float[Tensor, "{length} {length}"]:
     """SSIM's window along one axis as a symmetric band matrix; equals zero padding at the borders."""
     offsets = torch.arange(length, dtype=like.dtype, device=like.device)
-    return gaussian(offsets[:, None] - offsets)
+    return window_weights(offsets[:, None] - offsets)
 
 
 @dataclass(frozen=True)

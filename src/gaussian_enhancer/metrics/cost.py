@@ -110,7 +110,7 @@ def peak_memory(call: Call, device: torch.device | str = "cpu") -> int:
         call()
         torch.cuda.synchronize(device)
         return torch.cuda.max_memory_allocated(device)
-    memory.give_back()
+    memory.release_freed_memory()
     if _reset_high_water_mark():
         call()
         return _resident("VmHWM")

@@ -74,7 +74,7 @@ class PerceptualDistance:
     network: nn.Module | None
     reason: str = ""
 
-    def reason_against(self, height: int, width: int) -> str:
+    def size_reason(self, height: int, width: int) -> str:
         """Why images of this size cannot be measured; empty if they can."""
         smallest = BACKBONES[VARIANTS[self.name][0]].smallest
         if self.network is not None and min(height, width) < smallest:
@@ -88,7 +88,7 @@ class PerceptualDistance:
         Raises:
             InputError: there is no backbone, or the images are too small for it.
         """
-        reason = self.reason_against(image.shape[1], image.shape[2])
+        reason = self.size_reason(image.shape[1], image.shape[2])
         if reason or self.network is None:
             raise InputError(self.name, reason, "leave it out of the metrics")
         device = next(self.network.parameters()).device
@@ -96,14 +96,14 @@ class PerceptualDistance:
         return self.network(*pair, normalize=VARIANTS[self.name][1]).item()
 
 
-USUAL = ("lpips_vgg_raw", "lpips_vgg", "lpips_alex")
+DEFAULT_DISTANCES = ("lpips_vgg_raw", "lpips_vgg", "lpips_alex")
 """The distances that are measured by default."""
 
 
 def requested_distances(
     names: Sequence[str] | None, backbone: str | Path | None = None, device: torch.device | str = "cpu"
 ) -> list[PerceptualDistance]:
-    """Make the named distances; without names, those of `USUAL` that have a backbone.
+    """Make the named distances; without names, those of `DEFAULT_DISTANCES` that have a backbone.
 
     Args:
         names: names of the requested distances; None for the defaults.
@@ -113,7 +113,9 @@ def requested_distances(
     Raises:
         InputError: see `perceptual_distance`.
     """
-    distances = [perceptual_distance(name, backbone, device) for name in (USUAL if names is None else names)]
+    distances = [
+        perceptual_distance(name, backbone, device) for name in (DEFAULT_DISTANCES if names is None else names)
+    ]
     return [distance for distance in distances if names is not None or distance.network is not None]
 
 
@@ -135,7 +137,7 @@ def perceptual_distance(
     if name not in VARIANTS:
         raise InputError(f"metric {name!r}", "is unknown", f"choose from {', '.join(VARIANTS)}")
     net = VARIANTS[name][0]
-    file = _find(net, None if backbone is None else Path(backbone))
+    file = _find_backbone(net, None if backbone is None else Path(backbone))
     if file is None:
         spec = BACKBONES[net]
         command = f"from torchvision.models import *; {spec.builder}(weights={spec.weights}.IMAGENET1K_V1)"
@@ -143,7 +145,7 @@ def perceptual_distance(
     return PerceptualDistance(name, _network(net, file, str(device)))
 
 
-def _find(net: str, given: Path | None) -> Path | None:
+def _find_backbone(net: str, given: Path | None) -> Path | None:
     """The backbone's file: the given file, or one in the given folder, in the data folder or in torchvision's cache."""
     import torchvision
 

@@ -23,7 +23,7 @@ PROTOCOL = (
 
 
 @dataclass(frozen=True)
-class Measured:
+class ImageMetrics:
     """Metrics of one image.
 
     Args:
@@ -40,7 +40,7 @@ def measure_pair(
     photo: Float[Tensor, "3 _ _"],
     distances: Sequence[PerceptualDistance] = (),
     mask: Float[Tensor, "1 _ _"] | None = None,
-) -> Measured:
+) -> ImageMetrics:
     """Measure an image against its photo; both are first quantised to 8 bits.
 
     Args:
@@ -69,8 +69,8 @@ def measure_pair(
             metrics["psnr_masked"] = None
             reasons["psnr_masked"] = "not measured: the mask is empty"
     for distance in distances:
-        reason = distance.reason_against(image.shape[1], image.shape[2])
+        reason = distance.size_reason(image.shape[1], image.shape[2])
         metrics[distance.name] = None if reason else distance.between(image, photo)
         if reason:
             reasons[distance.name] = reason
-    return Measured(metrics, reasons)
+    return ImageMetrics(metrics, reasons)

@@ -30,7 +30,7 @@ HIGHER_IS_BETTER = {
 }
 """Whether a higher value of a metric is better; None if neither direction is better."""
 
-LATER: dict[str, Any] = {"seed": None, "sources": {}, "weights": ""}
+LATER_FIELDS: dict[str, Any] = {"seed": None, "sources": {}, "weights": ""}
 """Fields added later, with default values. Defaults are not written, so that older lines keep their checksums."""
 
 
@@ -150,7 +150,7 @@ def read_checked(path: str | Path) -> tuple[tuple[str, Record], ...]:
 def record_line(record: Record) -> str:
     """Serialise a record as one line of JSON with a checksum of its other fields."""
     values = _jsonable(dataclasses.asdict(record))
-    values = {name: value for name, value in values.items() if name not in LATER or value != LATER[name]}
+    values = {name: value for name, value in values.items() if name not in LATER_FIELDS or value != LATER_FIELDS[name]}
     return json.dumps({**values, "sha256": _checksum(values)}, ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -175,7 +175,7 @@ def _verified_record(place: str, line: str) -> tuple[str, Record]:
     except InputError as error:
         raise InputError(place, f"is no record ({error.received})", remedy) from None
     names = {item.name for item in dataclasses.fields(Record)} | {"sha256"}
-    if not isinstance(values, dict) or not names - set(LATER) <= set(values) <= names:
+    if not isinstance(values, dict) or not names - set(LATER_FIELDS) <= set(values) <= names:
         raise InputError(place, "is no record (its fields differ)", remedy)
     stated_checksum = values.pop("sha256")
     if stated_checksum != _checksum(values):

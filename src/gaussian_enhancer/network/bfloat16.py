@@ -12,7 +12,7 @@ from gaussian_enhancer.splat.compiled import kernel_lock
 
 __all__ = ["can_fuse", "can_use_kernels", "empty_features", "kernel_lock", "kernel_words", "plane"]
 
-PLAIN = (torch.float32, torch.bfloat16)
+SUPPORTED_DTYPES = (torch.float32, torch.bfloat16)
 
 
 def can_use_kernels(*images: Tensor | None) -> bool:
@@ -26,7 +26,7 @@ def can_use_kernels(*images: Tensor | None) -> bool:
     """
     tensors = [image for image in images if image is not None]
     return (
-        all(type(x) is Tensor and x.device.type == "cpu" and x.dtype in PLAIN for x in tensors)
+        all(type(x) is Tensor and x.device.type == "cpu" and x.dtype in SUPPORTED_DTYPES for x in tensors)
         and not (torch.is_grad_enabled() and any(x.requires_grad for x in tensors))
         and not torch.compiler.is_compiling()
         and not torch.jit.is_tracing()

@@ -22,7 +22,7 @@ _LOG2E = _F(1.4426950408889634)
 
 @inner
 @no_type_check
-def rounded(value):
+def round_to_bfloat16(value):
     """Bits of the nearest bfloat16 in the upper half of a 32-bit word, ties to even."""
     bits = _F(value).view(_U)
     return _U(_U(bits + _ROUND + _U(_U(bits >> _SIXTEEN) & _LAST)) & _HIGH)
@@ -30,21 +30,21 @@ def rounded(value):
 
 @inner
 @no_type_check
-def pair(first, second):
+def pack_pair(first, second):
     """Two values as one word of two bfloat16; the first value is at the lower address."""
-    return _U(_U(rounded(first) >> _SIXTEEN) | rounded(second))
+    return _U(_U(round_to_bfloat16(first) >> _SIXTEEN) | round_to_bfloat16(second))
 
 
 @inner
 @no_type_check
-def half(value):
+def to_bfloat16(value):
     """Convert a value to bfloat16."""
-    return np.uint16(rounded(value) >> _SIXTEEN)
+    return np.uint16(round_to_bfloat16(value) >> _SIXTEEN)
 
 
 @inner
 @no_type_check
-def wide(value):
+def to_float32(value):
     """Convert a bfloat16 to float32."""
     return _U(_U(value) << _SIXTEEN).view(_F)
 
@@ -67,7 +67,7 @@ def pack_planes(image, shift, mask, result):
 @no_type_check
 def _pack_row(row, shift, result, place):
     for j in range(len(result)):
-        result[j, place] = pair(row[2 * j] + shift, row[2 * j + 1] + shift)
+        result[j, place] = pack_pair(row[2 * j] + shift, row[2 * j + 1] + shift)
 
 
 @kernel
@@ -75,7 +75,7 @@ def _pack_row(row, shift, result, place):
 def pack_references(photos, renders, visibility, drawn, result):
     """Write photo - 1/2, visibility, photo - render and a flag, pixel-unshuffled by 2, as (r, i, j, 16) words."""
     count, _, height, width = photos.shape
-    flag = pair(drawn, drawn)
+    flag = pack_pair(drawn, drawn)
     for row in prange(count * (height // 2)):
         n, i = row // (height // 2), row % (height // 2)
         for j in range(width // 2):
@@ -84,10 +84,10 @@ def pack_references(photos, renders, visibility, drawn, result):
                 y = 2 * i + a
                 for c in range(3):
                     first, second = photos[n, c, y, x], photos[n, c, y, x + 1]
-                    result[n, i, j, 2 * c + a] = pair(first - _HALF, second - _HALF)
+                    result[n, i, j, 2 * c + a] = pack_pair(first - _HALF, second - _HALF)
                     residual = first - renders[n, c, y, x], second - renders[n, c, y, x + 1]
-                    result[n, i, j, 8 + 2 * c + a] = pair(drawn * residual[0], drawn * residual[1])
-                result[n, i, j, 6 + a] = pair(visibility[n, 0, y, x], visibility[n, 0, y, x + 1])
+                    result[n, i, j, 8 + 2 * c + a] = pack_pair(drawn * residual[0], drawn * residual[1])
+                result[n, i, j, 6 + a] = pack_pair(visibility[n, 0, y, x], visibility[n, 0, y, x + 1])
                 result[n, i, j, 14 + a] = flag
 
 
@@ -102,8 +102,8 @@ def pack_depth(depth, unit, farthest, result, share):
             for a in range(2):
                 first, second = depth[2 * i + a, 2 * j], depth[2 * i + a, 2 * j + 1]
                 first_known, second_known = _usable(first, farthest), _usable(second, farthest)
-                result[i, j, a] = pair(_inverse(first, first_known, unit), _inverse(second, second_known, unit))
-                result[i, j, 2 + a] = pair(first_known, second_known)
+                result[i, j, a] = pack_pair(_inverse(first, first_known, unit), _inverse(second, second_known, unit))
+                result[i, j, 2 + a] = pack_pair(first_known, second_known)
                 known_sum += first_known + second_known
             share[i, j] = _QUARTER * known_sum
 
@@ -130,9 +130,9 @@ def modulate(features, modulation, share, result):
         for j in range(width):
             known_share = share[n, i, j]
             for c in range(channels):
-                value = wide(features[n, i, j, c])
-                scale, shift = wide(modulation[n, i, j, c]), wide(modulation[n, i, j, channels + c])
-                result[n, i, j, c] = half(value + known_share * (value * scale + shift))
+                value = to_float32(features[n, i, j, c])
+                scale, shift = to_float32(modulation[n, i, j, c]), to_float32(modulation[n, i, j, channels + c])
+                result[n, i, j, c] = to_bfloat16(value + known_share * (value * scale + shift))
 
 
 @kernel
@@ -185,7 +185,7 @@ def _repeat(values, times, result):
 def _score(logits, visibility, limit, top, weight, total):
     """Write v exp(l), l = limit tanh(logit / limit), and add it to a total; ``top`` is exp(limit)."""
     for q in range(len(logits)):
-        logit = wide(logits[q])
+        logit = to_float32(logits[q])
         e = exp2_nonpositive(-_F(2) * _LOG2E * abs(logit) / limit)
         t = (_ONE - e) / (_ONE + e)
         t = t if logit > _ZERO else -t
@@ -198,14 +198,14 @@ def _score(logits, visibility, limit, top, weight, total):
 @no_type_check
 def _add_products(weight, values, total):
     for q in range(len(values)):
-        total[q] += weight[q] * wide(values[q])
+        total[q] += weight[q] * to_float32(values[q])
 
 
 @inner
 @no_type_check
 def _halve_rows(values, result):
     for q in range(len(values)):
-        result[q] = half(values[q])
+        result[q] = to_bfloat16(values[q])
 
 
 @kernel
@@ -232,8 +232,8 @@ def shuffle_and_add(features, skip, result):
         for x in range(width):
             phase = 2 * (y % 2) + x % 2
             for c in range(channels):
-                value = wide(features[n, y // 2, x // 2, 4 * c + phase])
-                result[n, y, x, c] = half(value + wide(skip[n, y, x, c]))
+                value = to_float32(features[n, y // 2, x // 2, 4 * c + phase])
+                result[n, y, x, c] = to_bfloat16(value + to_float32(skip[n, y, x, c]))
 
 
 @kernel
@@ -245,7 +245,9 @@ def add_and_rectify(references, target):
         n, r, i = row // (count * height), row // height % count, row % height
         for j in range(width):
             for c in range(channels):
-                references[n, r, i, j, c] = half(max(wide(references[n, r, i, j, c]) + wide(target[n, i, j, c]), _ZERO))
+                references[n, r, i, j, c] = to_bfloat16(
+                    max(to_float32(references[n, r, i, j, c]) + to_float32(target[n, i, j, c]), _ZERO)
+                )
 
 
 @kernel
@@ -269,8 +271,8 @@ def pool(references, visibility, result):
             _add_products(repeated, references[n, r, i].reshape(width * channels), weighted_sum)
         for j in range(width):
             for c in range(channels):
-                result[n, i, j, c] = half(weighted_sum[j * channels + c])
-            result[n, i, j, channels] = half(total[j] / _F(3))
+                result[n, i, j, c] = to_bfloat16(weighted_sum[j * channels + c])
+            result[n, i, j, channels] = to_bfloat16(total[j] / _F(3))
 
 
 @kernel
@@ -320,8 +322,8 @@ def compose(decoded, render, photos, renders, visibility, trust, drawn, result):
                 if drawn > _ZERO:
                     _add_difference(residual, weight[r], photos[r, c, y], renders[r, c, y])
             for x in range(width):
-                change = _sigmoid(wide(decoded[3, y, x])) * wide(decoded[c, y, x])
-                change += wide(decoded[4, y, x]) * added[x] + wide(decoded[5, y, x]) * residual[x]
+                change = _sigmoid(to_float32(decoded[3, y, x])) * to_float32(decoded[c, y, x])
+                change += to_float32(decoded[4, y, x]) * added[x] + to_float32(decoded[5, y, x]) * residual[x]
                 result[c, y, x] = render[c, y, x] + change
 
 
@@ -367,9 +369,9 @@ def pack_combination(fine, render, coarser, result):
                 for a in range(2):
                     for b in range(2):
                         y, x = 2 * i + a, 2 * j + b
-                        result[i, j, 4 * c + 2 * a + b] = half(fine[c, y, x] - render[c, y, x])
+                        result[i, j, 4 * c + 2 * a + b] = to_bfloat16(fine[c, y, x] - render[c, y, x])
             for d in range(count):
-                result[i, j, 12 + d] = half(coarser[d, i, j])
+                result[i, j, 12 + d] = to_bfloat16(coarser[d, i, j])
 
 
 @kernel
@@ -387,7 +389,7 @@ def combine(fine, decoded, coarser, step, result):
             for j in range(width):
                 total = _ZERO
                 for k in range(channels - 12):
-                    total += wide(decoded[i, j, 12 + k]) * coarser[k * step + c, i, j]
+                    total += to_float32(decoded[i, j, 12 + k]) * coarser[k * step + c, i, j]
                 change[c, i, j] = total
     for y in prange(2 * height):
         row = np.empty(2 * width, np.float32)
@@ -396,5 +398,5 @@ def combine(fine, decoded, coarser, step, result):
             first_row = 4 * c + 2 * (y % 2)
             for j in range(width):
                 x = 2 * j
-                result[c, y, x] = fine[c, y, x] + row[x] + wide(decoded[y // 2, j, first_row])
-                result[c, y, x + 1] = fine[c, y, x + 1] + row[x + 1] + wide(decoded[y // 2, j, first_row + 1])
+                result[c, y, x] = fine[c, y, x] + row[x] + to_float32(decoded[y // 2, j, first_row])
+                result[c, y, x + 1] = fine[c, y, x + 1] + row[x + 1] + to_float32(decoded[y // 2, j, first_row + 1])

@@ -28,7 +28,7 @@ def clamp(image, render, photos, visibility, reach, result):
                 _widen_limits(render[c, j], render[c, j], low[reach : reach + width], high[reach : reach + width])
                 for r in range(len(photos)):
                     inside = low[reach : reach + width], high[reach : reach + width]
-                    _reach_visible(photos[r, c, j], visibility[r, 0, j], inside[0], inside[1])
+                    _widen_visible_limits(photos[r, c, j], visibility[r, 0, j], inside[0], inside[1])
             least[:], greatest[:] = _INFINITE, -_INFINITE
             for i in range(2 * reach + 1):
                 _widen_limits(low[i : i + width], high[i : i + width], least, greatest)
@@ -46,7 +46,7 @@ def _widen_limits(low, high, least, greatest):
 
 @inner
 @no_type_check
-def _reach_visible(values, visibility, least, greatest):
+def _widen_visible_limits(values, visibility, least, greatest):
     """Extend limits to include values where these are visible."""
     for x in range(len(least)):
         visible = visibility[x] > _ZERO

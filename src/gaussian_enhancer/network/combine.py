@@ -79,22 +79,22 @@ class Combination(nn.Module):
         self,
         fine: Float[Tensor, "1 3 h w"],
         render: Float[Tensor, "1 3 h w"],
-        half: Sequence[Float[Tensor, "1 d _ _"]],
+        coarser_scales: Sequence[Float[Tensor, "1 d _ _"]],
     ) -> Float[Tensor, "1 3 h w"]:
         """Compiled version of `forward` for one image, where `can_fuse` holds."""
         from gaussian_enhancer.network.bfloat16_kernels import combine, pack_combination
 
-        coarser, images = plane(torch.cat(list(half), dim=1)[0]), (plane(fine[0]), plane(render[0]))
+        coarser, images = plane(torch.cat(list(coarser_scales), dim=1)[0]), (plane(fine[0]), plane(render[0]))
         joined, result = empty_features(1, 12 + len(coarser), *coarser.shape[1:]), torch.empty(fine.shape)
         with kernel_lock:
             pack_combination(*images, coarser, kernel_words(joined)[0])
         decoded = convolution(self.block(convolution(joined, self.join, relu=True)), self.head)
         with kernel_lock:
-            combine(images[0], kernel_words(decoded)[0], coarser, half[0].shape[1], result[0].numpy())
+            combine(images[0], kernel_words(decoded)[0], coarser, coarser_scales[0].shape[1], result[0].numpy())
         return result
 
 
-class Separation(nn.Module):
+class NoCombination(nn.Module):
     """No combination: coarser scales have no effect."""
 
     def forward(
@@ -127,7 +127,7 @@ class Uncombined:
 
     def build(self, channels: int, coarser: int) -> nn.Module:
         """Build the module for a scale, given the numbers of feature channels and of coarser scales."""
-        return Separation()
+        return NoCombination()
 
 
 def _resized(image: Float[Tensor, "b d _ _"], height: int, width: int) -> Float[Tensor, "b d {height} {width}"]:

@@ -103,7 +103,7 @@ class Deformation(nn.Module):
         return aligned.unflatten(0, references.shape[:2])
 
 
-class Unmoved(nn.Module):
+class NoAlignment(nn.Module):
     """No learned alignment: the references' features are unchanged."""
 
     def forward(
@@ -133,4 +133,4 @@ class Unrefined:
 
     def build(self, channels: int) -> nn.Module:
         """Build the module for features with this number of channels."""
-        return Unmoved()
+        return NoAlignment()

@@ -77,7 +77,7 @@ class DepthModulation(nn.Module):
         return result
 
 
-class Unmodulation(nn.Module):
+class NoModulation(nn.Module):
     """No depth modulation."""
 
     def forward(
@@ -107,4 +107,4 @@ class Unmodulated:
 
     def build(self, channels: int) -> nn.Module:
         """Build the module for features with this number of channels."""
-        return Unmodulation()
+        return NoModulation()

@@ -32,18 +32,18 @@ class Encoder(nn.Module):
         self,
         image: Float[Tensor, "b 3 h w"],
         mask: Float[Tensor, "b 1 h w"],
-        further: Float[Tensor, "b _ h w"] | None = None,
+        extra_planes: Float[Tensor, "b _ h w"] | None = None,
     ) -> Float[Tensor, "b c i j"]:
         """Encode an image with the weight of each pixel.
 
         Args:
             image: colours in [0, 1].
             mask: opacity of a render or visibility of a reference, in [0, 1].
-            further: additional planes of the image.
+            extra_planes: additional planes of the image.
         """
-        if further is None and can_fuse(image, mask):
+        if extra_planes is None and can_fuse(image, mask):
             return self.features(pack_input(image, mask, -0.5))
-        planes = [image - 0.5, mask] + ([] if further is None else [further])
+        planes = [image - 0.5, mask] + ([] if extra_planes is None else [extra_planes])
         if torch.is_autocast_enabled(image.device.type):  # the stem's cast, done earlier to halve the copies
             planes = [plane.to(torch.get_autocast_dtype(image.device.type)) for plane in planes]
         return self.features(pixel_unshuffle(torch.cat(planes, dim=1)))

@@ -131,11 +131,11 @@ def _shrunk_references(
         return _halved_references(*images)
     share = _average(views.visibility, factor, size)
 
-    def seen(image: Tensor) -> Tensor:
+    def visible_mean(image: Tensor) -> Tensor:
         return _average(image * views.visibility, factor, size) / share.clamp_min(1e-6) * (share > 0)
 
     renders = views.reference_renders
-    return seen(views.references), None if renders is None else seen(renders), share
+    return visible_mean(views.references), None if renders is None else visible_mean(renders), share
 
 
 def _halved_references(

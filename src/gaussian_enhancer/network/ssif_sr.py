@@ -108,7 +108,7 @@ class SSIFSR(CachesReferences):
         image: Float[Tensor, "b 3 h w"],
         features: Float[Tensor, "b c h w"],
         photos: Float[Tensor, "b r 3 H W"],
-        seen: Float[Tensor, "b r 1 h w"],
+        visibility: Float[Tensor, "b r 1 h w"],
         encoded: Float[Tensor, "b r c h w"] | None = None,
     ) -> tuple[Float[Tensor, "b 3 _ _"], Float[Tensor, "b 3 H W"]]:
         """Compute S2 and S4 of the whole image or of a tile.
@@ -117,32 +117,34 @@ class SSIFSR(CachesReferences):
             image: S1.
             features: features of T1, upsampled.
             photos: the references at 4x.
-            seen: visibility of the references.
+            visibility: visibility of the references.
             encoded: features of the references at 2x; None computes them.
         """
         half = halve(photos)
-        encoded = self.middle.encode(half, seen) if encoded is None else encoded
-        features, decoded, trust = self.middle(features, encoded, seen)
+        encoded = self.middle.encode(half, visibility) if encoded is None else encoded
+        features, decoded, trust = self.middle(features, encoded, visibility)
         base = upsample_bicubic(image, 2)
-        second = self.output(decoded, *merge_torch(base, half, halve(half), seen, trust))
-        fine_visibility = _repeat_2x(seen, 2)
+        second = self.output(decoded, *merge_torch(base, half, halve(half), visibility, trust))
+        fine_visibility = _repeat_2x(visibility, 2)
         base = upsample_bicubic(image, 4) + upsample_bicubic(second - base, 2)
         merged, trust = merge_torch(base, photos, half, fine_visibility, _upsample_2x(trust) * (fine_visibility > 0))
         decoded = self.tail(self.grow_again(features), merged, trust)
         return second, self.output(decoded, merged, trust)
 
-    def _finer_tiled(self, known: tuple[Tensor, ...]) -> tuple[Float[Tensor, "b 3 _ _"], Float[Tensor, "b 3 H W"]]:
+    def _finer_tiled(
+        self, full_images: tuple[Tensor, ...]
+    ) -> tuple[Float[Tensor, "b 3 _ _"], Float[Tensor, "b 3 H W"]]:
         """Compute `_finer_scales` by tiles, to limit memory; equal to the result for the whole up to rounding."""
-        batch, _, height, width = known[0].shape
+        batch, _, height, width = full_images[0].shape
         halo = MARGIN + 3 * len(self.tail.blocks)
-        second, fourth = (known[0].new_empty(batch, 3, n * height, n * width) for n in UPSCALE)
+        second, fourth = (full_images[0].new_empty(batch, 3, n * height, n * width) for n in UPSCALE)
         for top in range(0, height, TILE):
             for left in range(0, width, TILE):
                 inner = Region(top, left, min(top + TILE, height), min(left + TILE, width))
                 outer = inner.expand(halo, height, width)
-                parts = self._finer_scales(*(outer.cut(image, image.shape[-1] // width) for image in known))
+                parts = self._finer_scales(*(outer.crop(image, image.shape[-1] // width) for image in full_images))
                 for n, result, part in zip(UPSCALE, (second, fourth), parts, strict=True):
-                    inner.cut(result, n).copy_(inner.relative_to(outer).cut(part, n))
+                    inner.crop(result, n).copy_(inner.relative_to(outer).crop(part, n))
         return second, fourth
 
 

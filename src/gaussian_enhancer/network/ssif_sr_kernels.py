@@ -10,7 +10,7 @@ from typing import no_type_check
 import numpy as np
 from numba import prange
 
-from gaussian_enhancer.network.bfloat16_kernels import double_row, half
+from gaussian_enhancer.network.bfloat16_kernels import double_row, to_bfloat16
 from gaussian_enhancer.splat.compiled import inner, kernel
 
 _F = np.float32
@@ -159,6 +159,6 @@ def pack_merged(base, photo, seen, trust, result):
                 for a in range(2):
                     for b in range(2):
                         y, x = 2 * i + a, 2 * j + b
-                        result[i, j, 4 * c + 2 * a + b] = half((photo[c, y, x] - base[c, y, x]) * seen[y, x])
-                        result[i, j, 12 + 4 * c + 2 * a + b] = half(base[c, y, x] - _HALF)
-            result[i, j, 24] = half(trust[i, j])
+                        result[i, j, 4 * c + 2 * a + b] = to_bfloat16((photo[c, y, x] - base[c, y, x]) * seen[y, x])
+                        result[i, j, 12 + 4 * c + 2 * a + b] = to_bfloat16(base[c, y, x] - _HALF)
+            result[i, j, 24] = to_bfloat16(trust[i, j])

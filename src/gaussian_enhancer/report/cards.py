@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from gaussian_enhancer.report.compared import ComparedView, ViewPixels, size_of
-from gaussian_enhancer.report.figures import colour_map, data_uri, error, error_map, error_scale, sampled
+from gaussian_enhancer.report.figures import absolute_error, colour_map, data_uri, error_map, error_scale, sample_values
 
 PAGE_BYTES = 40_000_000
 """Maximum number of bytes of all pictures of a page together, before base64."""
@@ -37,7 +37,9 @@ class CardImages:
             images = view.read()
             portrait &= images.raw.shape[1] > images.raw.shape[2]
             if images.photo is not None:
-                errors += [sampled(error(image, images.photo)) for image in (images.raw, images.enhanced)]
+                errors += [
+                    sample_values(absolute_error(image, images.photo)) for image in (images.raw, images.enhanced)
+                ]
         colours = [", ".join(f"{100 * c:.1f}%" for c in colour) for colour in colour_map(9).tolist()]
         return cls(
             scale=error_scale(errors) if errors else None,
@@ -118,6 +120,6 @@ def _pictures(images: ViewPixels, shared: CardImages) -> Iterator[Picture]:
         return
     yield Picture("photo", data_uri(images.photo, shared.budget), "photo")
     for name, image in (("render", images.raw), ("enhanced", images.enhanced)):
-        errors = error_map(error(image, images.photo), shared.scale)
+        errors = error_map(absolute_error(image, images.photo), shared.scale)
         key = "error-raw" if name == "render" else "error-enhanced"
         yield Picture(key, data_uri(errors, shared.budget // 3), f"error of the {name}")

@@ -53,12 +53,12 @@ def colour_map(count: int = 256) -> Float[Tensor, "c 3"]:
     return srgb.float()
 
 
-def error(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> Float[Tensor, "h w"]:
+def absolute_error(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> Float[Tensor, "h w"]:
     """Mean absolute difference over the colours, in [0, 1] for images in [0, 1]."""
     return (image.clamp(0, 1) - photo.clamp(0, 1)).abs().mean(0)
 
 
-def sampled(errors: Float[Tensor, "h w"], most: int = 20_000) -> Float[Tensor, " s"]:
+def sample_values(errors: Float[Tensor, "h w"], most: int = 20_000) -> Float[Tensor, " s"]:
     """Evenly spaced values of a map, enough for estimating a quantile."""
     return errors.flatten()[:: max(1, errors.numel() // most)]
 

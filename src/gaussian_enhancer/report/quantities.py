@@ -69,7 +69,7 @@ KNOWN = (
 )
 """Metrics of the pinned protocol, in the order in which they are shown."""
 
-DECIDING = ("psnr_aligned", "psnr", "psnr_masked")
+RANKING_METRICS = ("psnr_aligned", "psnr", "psnr_masked")
 """The first of these metrics that was measured determines the worst view."""
 
 

@@ -13,9 +13,9 @@ from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.gates.adaptive import AdaptiveGate
 from gaussian_enhancer.degrade.gates.fingerprint import Fingerprint
 from gaussian_enhancer.degrade.gates.gate import ArtefactStep, Gate
-from gaussian_enhancer.degrade.photographed import Photographed
+from gaussian_enhancer.degrade.photographed import SimulatorInput
 from gaussian_enhancer.degrade.simulator import Simulator
-from gaussian_enhancer.files import save_array, whole_file, write_text
+from gaussian_enhancer.files import atomic_write, save_array, write_text
 from gaussian_enhancer.report.simulation import EDGE, Section, sheet, write_page
 from gaussian_enhancer.scene.image_files import write_image
 
@@ -36,7 +36,7 @@ class SimulatedRender:
 
 
 def draw_sample(
-    simulator: Simulator, photo: Photographed, generator: torch.Generator, file: str
+    simulator: Simulator, photo: SimulatorInput, generator: torch.Generator, file: str
 ) -> tuple[SimulatedRender, View]:
     """Simulate one render.
 
@@ -71,7 +71,7 @@ def write_sample(path: Path, view: View) -> None:
         write_image(path.with_name(f"{path.stem}_alpha.png"), view.alpha[0].expand(3, -1, -1))
 
 
-def provenance(photo: Photographed, cfg: DictConfig, fingerprint: Fingerprint | None, gate: Gate) -> dict[str, str]:
+def provenance(photo: SimulatorInput, cfg: DictConfig, fingerprint: Fingerprint | None, gate: Gate) -> dict[str, str]:
     """Provenance of the page's images.
 
     Args:
@@ -88,7 +88,9 @@ def provenance(photo: Photographed, cfg: DictConfig, fingerprint: Fingerprint | 
     return {**lines, "Generator": OmegaConf.to_yaml(cfg.generator).strip(), "Seed": str(cfg.seed)}
 
 
-def write_sheets(folder: Path, photo: Photographed, sections: Sequence[Section], provenance: Mapping[str, str]) -> None:
+def write_sheets(
+    folder: Path, photo: SimulatorInput, sections: Sequence[Section], provenance: Mapping[str, str]
+) -> None:
     """Write the page and the sections' contact sheets.
 
     Args:
@@ -102,7 +104,7 @@ def write_sheets(folder: Path, photo: Photographed, sections: Sequence[Section],
     """
     for section in sections:
         if section.file and section.rows:
-            with whole_file(folder / f"{section.file}.png") as temporary:
+            with atomic_write(folder / f"{section.file}.png") as temporary:
                 sheet(section).save(temporary)
     height, width = photo.view.image.shape[-2:]
     subtitle = f"{width} x {height} pixels · sheets are made from a copy of at most {EDGE} pixels"

@@ -54,7 +54,7 @@ def view_section(view: View, real: Float[Tensor, "1 3 h w"] | None) -> Section:
     if real is not None:
         images["real render"] = shrink_view(View(real)).image[0]
     if view.depth is not None:
-        images["depth: near is light"] = shown_depth(view.depth[0], view.depth[0])
+        images["depth: near is light"] = depth_colours(view.depth[0], view.depth[0])
     if view.alpha is not None:
         images["opacity"] = view.alpha[0].expand(3, -1, -1)
     return Section("View", "What the simulator is given.", (ImageRow("", tuple(images.values()), tuple(images)),))
@@ -79,7 +79,7 @@ def type_sections(view: View, seed: int) -> tuple[Section, ...]:
         colours.append(ImageRow(name, tuple(degraded.image), captions, description))
         if degraded.depth is not None and view.depth is not None:
             depths.append(
-                ImageRow(name, tuple(shown_depth(depth, view.depth[0]) for depth in degraded.depth), captions)
+                ImageRow(name, tuple(depth_colours(depth, view.depth[0]) for depth in degraded.depth), captions)
             )
     text = (
         "From strength 0, the photo itself, to 1, the worst that is seen in splat renders; the same draws along a row."
@@ -169,7 +169,7 @@ def describe_artefacts(steps: Sequence[ArtefactStep]) -> str:
     return " · ".join(phrases) if phrases else "nothing"
 
 
-def shown_depth(depth: Float[Tensor, "1 h w"], before: Float[Tensor, "1 h w"]) -> Float[Tensor, "3 h w"]:
+def depth_colours(depth: Float[Tensor, "1 h w"], before: Float[Tensor, "1 h w"]) -> Float[Tensor, "3 h w"]:
     """Inverse depth as colours, near light and far dark, black where nothing was hit.
 
     Args:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from gaussian_enhancer.metrics.comparison import Comparison, VariantPair, compare
 from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.report.compared import ComparedView
-from gaussian_enhancer.report.quantities import DECIDING, Quantity, quantities
+from gaussian_enhancer.report.quantities import RANKING_METRICS, Quantity, quantities
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,9 @@ def summarise(views: Sequence[ComparedView], quantity: Quantity) -> MetricSummar
 
 
 def worst_view(summaries: Sequence[MetricSummary]) -> int | None:
-    """Index of the view with the worst gain in the first metric of `DECIDING` that has one, or None."""
+    """Index of the view with the worst gain in the first metric of `RANKING_METRICS` that has one, or None."""
     by_key = {summary.quantity.key: summary for summary in summaries}
-    worst_indices = (by_key[key].worst for key in DECIDING if key in by_key)
+    worst_indices = (by_key[key].worst for key in RANKING_METRICS if key in by_key)
     return next((worst for worst in worst_indices if worst is not None), None)
 
 

@@ -34,7 +34,7 @@ def _environment(package: str) -> Any:
         loader=loader,
         autoescape=True,
         undefined=StrictUndefined,
-        finalize=_legal,
+        finalize=_replace_illegal_characters,
         trim_blocks=True,
         lstrip_blocks=True,
     )
@@ -51,21 +51,21 @@ def resource(name: str, package: str = PACKAGE) -> Markup:
 
 def json_block(value: Any) -> Markup:
     """JSON for a script element: characters that could end it are escaped, and non-finite numbers become text."""
-    text = json.dumps(_finite(value), ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    text = json.dumps(_stringify_non_finite(value), ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
 
 
-def _legal(value: Any) -> Any:
+def _replace_illegal_characters(value: Any) -> Any:
     if isinstance(value, Markup) or not isinstance(value, str):
         return value
     return "".join(c if c in "\t\n\r" or (ord(c) >= 32 and not 0xD800 <= ord(c) <= 0xDFFF) else "\ufffd" for c in value)
 
 
-def _finite(value: Any) -> Any:
+def _stringify_non_finite(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return repr(value)
     if isinstance(value, dict):
-        return {str(key): _finite(item) for key, item in value.items()}
+        return {str(key): _stringify_non_finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
+        return [_stringify_non_finite(item) for item in value]
     return value

@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.typed import check_plain
 
-OURS = ("gaussian_enhancer.", "ablations.")
+CHECKED_PACKAGES = ("gaussian_enhancer.", "ablations.")
 """Packages whose signatures state reliable types. Other packages check their arguments themselves, or not at all."""
 
 
@@ -30,7 +30,7 @@ def check_arguments(node: DictConfig) -> None:
 
 def _check(values: Mapping[str, Any], place: str) -> None:
     target = values.get("_target_")
-    if isinstance(target, str) and target.startswith(OURS) and not values.get("_partial_"):
+    if isinstance(target, str) and target.startswith(CHECKED_PACKAGES) and not values.get("_partial_"):
         _check_target(target, values, place)
     for name, value in values.items():
         if isinstance(value, Mapping):

@@ -107,7 +107,7 @@ def _render_fine(rendered: RenderedSet, scene: Callable[[], Scene], folder: Path
             raise InputError(view.name, "has no camera", "give the run as `fit` wrote it")
         stem = Path(view.name).stem
         size = UPSCALE * view.camera.height, UPSCALE * view.camera.width
-        return replace(view, read_fine_photo=ReadDrawn(scene, stem, folder / f"{stem}.png", *size))
+        return replace(view, read_fine_photo=ReadProceduralPhoto(scene, stem, folder / f"{stem}.png", *size))
 
     return replace(
         rendered, targets=tuple(map(attached, rendered.targets)), references=tuple(map(attached, rendered.references))
@@ -115,7 +115,7 @@ def _render_fine(rendered: RenderedSet, scene: Callable[[], Scene], folder: Path
 
 
 @dataclass(frozen=True)
-class ReadDrawn:
+class ReadProceduralPhoto:
     """Reads a photo of a procedural scene from its file; a missing file is rendered first.
 
     Args:

@@ -8,7 +8,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import InterpolationResolutionError
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.runs.arguments import OURS, check_arguments
+from gaussian_enhancer.runs.arguments import CHECKED_PACKAGES, check_arguments
 
 
 def build(node: DictConfig, *args: Any, **kwargs: Any) -> Any:
@@ -27,13 +27,13 @@ def build(node: DictConfig, *args: Any, **kwargs: Any) -> Any:
     try:
         return hydra.utils.instantiate(node, *args, _convert_="all", **kwargs)
     except InstantiationException as error:
-        refusal = _refusal(error, node)
+        refusal = _to_input_error(error, node)
         if refusal is None:
             raise
         raise refusal from error
 
 
-def _refusal(error: BaseException, node: DictConfig) -> InputError | None:
+def _to_input_error(error: BaseException, node: DictConfig) -> InputError | None:
     """The InputError for a user's mistake that Hydra wrapped; None for other errors, which keep Hydra's traceback.
 
     Targets of other packages raise their own or built-in exceptions for refused values, so that any exception of theirs
@@ -44,7 +44,7 @@ def _refusal(error: BaseException, node: DictConfig) -> InputError | None:
         causes.append(causes[-1].__cause__)
     input_error = next((cause for cause in causes if isinstance(cause, InputError)), None)
     target = str(node.get("_target_"))
-    if input_error is not None or target.startswith(OURS):
+    if input_error is not None or target.startswith(CHECKED_PACKAGES):
         return input_error
     reason = causes[-1]
     if isinstance(reason, HydraException):

@@ -16,7 +16,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import unwritable
+from gaussian_enhancer.files import to_write_error
 
 NAME = "lock"
 RECORDS = (".jsonl", ".json")
@@ -24,7 +24,7 @@ RECORDS = (".jsonl", ".json")
 
 
 @dataclass(frozen=True)
-class _Held:
+class _HeldLock:
     """A lock that this process holds.
 
     Args:
@@ -36,7 +36,7 @@ class _Held:
     created: tuple[Path, ...]
 
 
-_held: dict[Path, _Held] = {}
+_held: dict[Path, _HeldLock] = {}
 _taken: ContextVar[list[Path] | None] = ContextVar("_taken", default=None)
 _waits: ContextVar[bool] = ContextVar("_waits", default=False)
 
@@ -59,8 +59,8 @@ def hold(place: Path) -> bool:
         while not _try_acquire(lock, file.parent, place):
             pass
     except OSError as error:
-        raise unwritable(place, error) from error
-    _held[file] = _Held(lock, created)
+        raise to_write_error(place, error) from error
+    _held[file] = _HeldLock(lock, created)
     taken_places = _taken.get()
     if taken_places is not None:
         taken_places.append(place)

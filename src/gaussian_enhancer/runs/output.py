@@ -12,8 +12,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
-from gaussian_enhancer.infer.enhancer import Enhanced
+from gaussian_enhancer.files import atomic_write
+from gaussian_enhancer.infer.enhancer import EnhancedView
 from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.runs.inputs import Task
@@ -35,7 +35,9 @@ def resize_to_photo(image: Float[Tensor, "3 h w"], view: RenderedView, scale: in
     return image if scale == 1 or view.fine_size is None else resize(image, *view.fine_size)
 
 
-def write_enhanced(views: Iterable[Enhanced], folder: Path, rendered: RenderedSet, scale: int) -> list[Enhanced]:
+def write_enhanced(
+    views: Iterable[EnhancedView], folder: Path, rendered: RenderedSet, scale: int
+) -> list[EnhancedView]:
     """Write each image as soon as it is computed, at the size of its photo; unchanged views are copies of their render.
 
     Args:
@@ -53,12 +55,12 @@ def write_enhanced(views: Iterable[Enhanced], folder: Path, rendered: RenderedSe
     targets = {view.name: view for view in rendered.targets}
     written = []
     for enhanced in views:
-        write_one(enhanced, folder, targets[enhanced.name], scale)
+        write_enhanced_view(enhanced, folder, targets[enhanced.name], scale)
         written.append(replace(enhanced, image=enhanced.image[:, :0, :0]))
     return written
 
 
-def write_one(one: Enhanced, folder: Path, view: RenderedView, scale: int) -> None:
+def write_enhanced_view(one: EnhancedView, folder: Path, view: RenderedView, scale: int) -> None:
     """Write an enhanced image, or copy the file of its render if enhancement changed nothing.
 
     Args:
@@ -76,7 +78,7 @@ def write_one(one: Enhanced, folder: Path, view: RenderedView, scale: int) -> No
         write_image(folder / one.name, resize_to_photo(one.image, view, scale))
 
 
-def keep_sources(rendered: RenderedSet, side: Path, scale: int) -> None:
+def write_sources(rendered: RenderedSet, side: Path, scale: int) -> None:
     """Write renders and photos at the size of the enhanced images into the folders ``renders`` and ``gt``.
 
     Args:
@@ -98,10 +100,10 @@ def keep_sources(rendered: RenderedSet, side: Path, scale: int) -> None:
             enlarged = upsample_bicubic(view.read()[None], scale)[0]
             write_image(side / "renders" / view.name, resize_to_photo(enlarged, view, scale))
         if view.read_fine_photo is not None:
-            write_image(side / "gt" / view.name, read_own_size(view))
+            write_image(side / "gt" / view.name, read_original_size(view))
 
 
-def read_own_size(view: RenderedView) -> Float[Tensor, "3 _ _"]:
+def read_original_size(view: RenderedView) -> Float[Tensor, "3 _ _"]:
     """Read a view's high-resolution photo at its original size.
 
     Raises:
@@ -116,7 +118,7 @@ def read_own_size(view: RenderedView) -> Float[Tensor, "3 _ _"]:
     return resized_reader(view.read_fine_photo, *view.fine_size)()
 
 
-def cost_records(written: Iterable[Enhanced], run_name: str, task: Task) -> list[Record]:
+def cost_records(written: Iterable[EnhancedView], run_name: str, task: Task) -> list[Record]:
     """Records of the milliseconds that the network took for each image.
 
     Args:
@@ -125,7 +127,7 @@ def cost_records(written: Iterable[Enhanced], run_name: str, task: Task) -> list
         task: the task of the run.
     """
 
-    def record(one: Enhanced) -> Record:
+    def record(one: EnhancedView) -> Record:
         values: dict[str, float | None] = {"milliseconds": one.enhancing}
         return Record("cost", run_name, task.rendered.name, f"ours_{task.step}", one.name, "enhanced", values)
 
@@ -134,14 +136,14 @@ def cost_records(written: Iterable[Enhanced], run_name: str, task: Task) -> list
 
 def _copy_or_write(read: object, path: Path) -> None:
     """Copy the image's file if it stores the same pixels in the same format; otherwise read and write the image."""
-    if isinstance(read, ReadPhoto) and _as_stored(read) and read.path.suffix == path.suffix:
-        with whole_file(path) as temporary:
+    if isinstance(read, ReadPhoto) and _is_unmodified(read) and read.path.suffix == path.suffix:
+        with atomic_write(path) as temporary:
             shutil.copyfile(read.path, temporary)
     else:
         write_image(path, read())  # type: ignore[operator]
 
 
-def _as_stored(read: ReadPhoto) -> bool:
+def _is_unmodified(read: ReadPhoto) -> bool:
     """Whether reading returns the file's pixels unmodified: not resized, undistorted or blended with a background."""
     header = read_header(read.path)
     return read.lens is None and not header.has_alpha and (header.height, header.width) == (read.height, read.width)

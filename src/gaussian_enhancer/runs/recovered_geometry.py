@@ -28,20 +28,20 @@ from gaussian_enhancer.runs import lock
 from gaussian_enhancer.runs.run import digest_of
 from gaussian_enhancer.scene.colmap import camera_pose, read_model
 from gaussian_enhancer.scene.colmap_model import ColmapImage, ColmapModel
-from gaussian_enhancer.scene.json_file import member, number, read_json
+from gaussian_enhancer.scene.json_file import get_member, get_number, read_json
 from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.scene.posed import ReadPhoto
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.scene import Points
-from gaussian_enhancer.scene.structure_from_motion import Told, UnposedImage, reconstruct
+from gaussian_enhancer.scene.structure_from_motion import ProgressCallback, UnposedImage, reconstruct
 from gaussian_enhancer.scene.undistort import Lens, ideal_pinhole, undistort
 from gaussian_enhancer.types import Camera, orthonormal_pose
 
 SWEPT_PIXELS = 60_000
 """Maximum number of pixels of an image in the plane sweep; larger images are reduced first."""
-ENOUGH = 2
+MIN_PHOTOS = 2
 """Minimum number of photos with a camera; depth cannot be recovered from fewer."""
-STRAIGHT = 0.5
+MAX_DISTORTION = 0.5
 """Distortion in pixels at a photo's corner below which the photo is not undistorted, which avoids resampling it."""
 SUMMARY, CAMERAS, DEPTH = "geometry.json", "cameras", "depth"
 """Names of the outputs: a summary, a COLMAP model, and a depth map for each view."""
@@ -91,7 +91,7 @@ class RecoveryProgress:
 
 
 @dataclass(frozen=True)
-class Recovered:
+class RecoveredGeometry:
     """A set with its recovered geometry.
 
     Args:
@@ -111,7 +111,7 @@ def lacks_geometry(rendered: RenderedSet) -> bool:
     return bool(rendered.references) and (_lacks_cameras(rendered) or any(view.read_depth is None for view in views))
 
 
-def recover_geometry(rendered: RenderedSet, root: Path, progress: Told | None = None) -> Recovered:
+def recover_geometry(rendered: RenderedSet, root: Path, progress: ProgressCallback | None = None) -> RecoveredGeometry:
     """The set with recovered cameras and depth. Results of an earlier call for the same images are reused.
 
     If a render has no camera, or if no photo has one, all cameras are recovered, and all depth as well, since recovered
@@ -144,13 +144,13 @@ def _lacks_cameras(rendered: RenderedSet) -> bool:
     return any(view.camera is None for view in rendered.targets) or all(view.camera is None for view in views)
 
 
-def _recover_missing(rendered: RenderedSet, bare: bool, folder: Path, progress: Told | None) -> None:
+def _recover_missing(rendered: RenderedSet, bare: bool, folder: Path, progress: ProgressCallback | None) -> None:
     """Recover the missing geometry and write it; parts left by a killed call are computed again."""
     started = time.monotonic()
     try:
         _clear(folder)
         complete = not bare or reconstruct(_unposed(rendered), folder / CAMERAS, progress)
-        posed = _posed(rendered, bare, folder) if complete else rendered
+        posed = _with_cameras(rendered, bare, folder) if complete else rendered
         cameras_done = time.monotonic()
         complete = _check_cameras(posed)
         if complete:
@@ -169,39 +169,39 @@ def _clear(folder: Path) -> None:
         shutil.rmtree(folder / part, ignore_errors=True)
 
 
-def _read(rendered: RenderedSet, bare: bool, folder: Path) -> Recovered:
+def _read(rendered: RenderedSet, bare: bool, folder: Path) -> RecoveredGeometry:
     """The set with the geometry that is stored in a folder."""
     source = folder / SUMMARY
     summary = read_json(source)
-    durations = member(summary, "seconds", source)
-    seconds = {part: number(durations, part, f"{source} seconds") for part in (CAMERAS, DEPTH)}
+    durations = get_member(summary, "seconds", source)
+    seconds = {part: get_number(durations, part, f"{source} seconds") for part in (CAMERAS, DEPTH)}
     count = len(rendered.targets), len(rendered.references)
-    if not member(summary, "found", source):
+    if not get_member(summary, "found", source):
         attempt = f"structure from motion of {count[0]} renders and {count[1]} photos"
-        return Recovered(
+        return RecoveredGeometry(
             rendered, f"{attempt} found no place that they share, {seconds[CAMERAS]:.0f} s" if bare else ""
         )
-    posed = _posed(rendered, bare, folder)
+    posed = _with_cameras(rendered, bare, folder)
     targets = tuple(_with_depth(view, folder / DEPTH / f"{RENDER}_{i:05d}.npy") for i, view in enumerate(posed.targets))
     references = [_with_depth(v, folder / DEPTH / f"{PHOTO}_{i:05d}.npy") for i, v in enumerate(posed.references)]
     photos = tuple(view for view in references if view.camera is not None or not bare)
     posed_set = replace(posed, targets=targets, references=photos, own_depth=False)
     depth = f"by plane sweep, {seconds[DEPTH]:.0f} s; kept in {folder}"
     if not bare:
-        return Recovered(posed_set, "", depth)
+        return RecoveredGeometry(posed_set, "", depth)
     if any(view.read_depth is not None for view in rendered.targets):
         depth += "; the given depth is left out, since its unit is not that of recovered cameras"
     placed = f"{sum(v.camera is not None for v in targets)} of {count[0]} renders, {len(photos)} of {count[1]} photos"
-    return Recovered(posed_set, f"by structure from motion: {placed}, {seconds[CAMERAS]:.0f} s", depth)
+    return RecoveredGeometry(posed_set, f"by structure from motion: {placed}, {seconds[CAMERAS]:.0f} s", depth)
 
 
 def _check_cameras(posed: RenderedSet) -> bool:
     photos = sum(view.camera is not None for view in posed.references)
-    return photos >= ENOUGH and any(view.camera is not None for view in posed.targets)
+    return photos >= MIN_PHOTOS and any(view.camera is not None for view in posed.targets)
 
 
 def _unposed(rendered: RenderedSet) -> list[UnposedImage]:
-    """Renders and photos as input of structure from motion, under the names by which `_posed` looks them up."""
+    """Renders and photos as input of structure from motion, under the names by which `_with_cameras` looks them up."""
     renders = [
         UnposedImage(f"{RENDER}_{i:05d}.png", _render_of(view), True, True) for i, view in enumerate(rendered.targets)
     ]
@@ -211,7 +211,7 @@ def _unposed(rendered: RenderedSet) -> list[UnposedImage]:
     ]
 
 
-def _posed(rendered: RenderedSet, bare: bool, folder: Path) -> RenderedSet:
+def _with_cameras(rendered: RenderedSet, bare: bool, folder: Path) -> RenderedSet:
     """The set with the given cameras or with those of the model; views that are not in the model have no camera."""
     if not bare:
         return rendered
@@ -229,7 +229,7 @@ def _posed(rendered: RenderedSet, bare: bool, folder: Path) -> RenderedSet:
     references = []
     for i, view in enumerate(rendered.references):
         recovered_camera, lens = camera(f"{PHOTO}_{i:05d}.png", _photo_of(view))
-        references.append(_undistorted(replace(view, camera=recovered_camera, read_depth=None), lens))
+        references.append(_undistort_photo(replace(view, camera=recovered_camera, read_depth=None), lens))
     return replace(rendered, targets=tuple(targets), references=tuple(references))
 
 
@@ -239,13 +239,13 @@ def _camera(model: ColmapModel, image: ColmapImage, read: Read) -> tuple[Camera,
     if lens.model == "SIMPLE_RADIAL":
         focal, x, y, k = lens.params
         radius = math.hypot(lens.width, lens.height) / (2 * focal)
-        if abs(k) * radius**3 * focal < STRAIGHT:
+        if abs(k) * radius**3 * focal < MAX_DISTORTION:
             lens = replace(lens, model="SIMPLE_PINHOLE", params=(focal, x, y))
     K, height, width = ideal_pinhole(lens)
     return Camera(K.float(), orthonormal_pose(camera_pose(image), image.name).float(), height, width), lens
 
 
-def _undistorted(view: RenderedView, lens: Lens | None) -> RenderedView:
+def _undistort_photo(view: RenderedView, lens: Lens | None) -> RenderedView:
     """The view with a photo that is undistorted when it is read."""
     if lens is None or view.camera is None or not lens.distorted:
         return view
@@ -257,7 +257,9 @@ def _undistorted(view: RenderedView, lens: Lens | None) -> RenderedView:
     return replace(view, read_photo=undistorted, read_fine_photo=undistorted if view.read_fine_photo else None)
 
 
-def _write_depths(rendered: RenderedSet, points: Points | None, folder: Path, progress: Told | None) -> None:
+def _write_depths(
+    rendered: RenderedSet, points: Points | None, folder: Path, progress: ProgressCallback | None
+) -> None:
     """Compute and write the depth of each view with a camera. Photos come last; all views are compared with them."""
     from gaussian_enhancer.splat.fit.plane_sweep import SweepSettings, sweep_depths
 

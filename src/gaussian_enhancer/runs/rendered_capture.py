@@ -70,10 +70,10 @@ class SplatRenderer:
         drawing = self._render_view(photo.name, photo.camera, ("colour", "surface"))
         return RenderedView(png_name(photo.name), drawing.colour, photo.camera, drawing.depth, None, photo.read)
 
-    def _render_view(self, name: str, camera: Camera | None, parts: tuple[str, ...]) -> "_Drawing":
+    def _render_view(self, name: str, camera: Camera | None, parts: tuple[str, ...]) -> "_LazyRender":
         if camera is None:
             raise InputError(name, "has no camera to render from", "give a capture with cameras")
-        return _Drawing(lambda: self(camera), parts)
+        return _LazyRender(lambda: self(camera), parts)
 
 
 def open_renderer(
@@ -144,11 +144,11 @@ def png_name(name: str) -> str:
     return str(Path(name).with_suffix(".png"))
 
 
-class _Drawing:
+class _LazyRender:
     """One render whose colour, depth and opacity are read separately; each part is freed once it is read."""
 
-    def __init__(self, draw: Callable[[], Render], wanted: tuple[str, ...]) -> None:
-        self.draw, self.wanted = draw, wanted
+    def __init__(self, draw: Callable[[], Render], part_names: tuple[str, ...]) -> None:
+        self.draw, self.wanted = draw, part_names
         self.parts: dict[str, Tensor] = {}
 
     def colour(self) -> Float[Tensor, "3 h w"]:

@@ -20,10 +20,10 @@ from gaussian_enhancer.runs import lock
 from gaussian_enhancer.runs import status as status
 from gaussian_enhancer.runs.instantiate import require
 
-WITHOUT_EFFECT = ("runs", "output", "runtime", "profile")
+IGNORED_KEYS = ("runs", "output", "runtime", "profile")
 """Keys that do not change a result and are left out of the hash: output folders, device, threads."""
 
-ELSEWHERE = "give another output, or delete the folder"
+REMEDY = "give another output, or delete the folder"
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Run:
     def finish(self) -> None:
         """Mark the run as completed and unlock its folder. This is the last step of a job."""
         write_text(self.folder / "done", json.dumps({"digest": self.digest, "time": time.time()}) + "\n")
-        status.end(self.folder)
+        status.remove_marks(self.folder)
         lock.release(self.folder)
 
 
@@ -71,27 +71,27 @@ def open_run(cfg: DictConfig, job: str, label: str, locked: bool = True) -> Run:
     folder = Path(cfg.output) if cfg.get("output") else Path(cfg.runs) / job / f"{label}-{digest}"
     acquired = lock.hold(folder) if locked else False
     try:
-        finished = _refuse_another(folder, digest)
+        finished = _check_folder(folder, digest)
     except InputError:
         if acquired:
             lock.release(folder)
         raise
     write_text(folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create({"job": job, **values}), sort_keys=True))
     if finished is None:
-        status.begin(folder)
+        status.mark_running(folder)
     return Run(folder, digest)
 
 
-def _refuse_another(folder: Path, digest: str) -> str | None:
+def _check_folder(folder: Path, digest: str) -> str | None:
     """The digest of the finished run in a folder, or None. A folder with results of a different run is refused."""
     finished = finished_digest(folder)
     if finished is not None and finished != digest:
-        raise InputError(folder, f"holds another finished run ({finished})", ELSEWHERE)
+        raise InputError(folder, f"holds another finished run ({finished})", REMEDY)
     if finished is None and (folder / "config.yaml").is_file() and not status.holds_no_result(folder):
         stored = stored_digest(folder / "config.yaml")
         if stored != digest:
             received = f"holds an unfinished run of another configuration ({stored})"
-            raise InputError(folder, received, f"{ELSEWHERE}, or give that configuration to go on with it")
+            raise InputError(folder, received, f"{REMEDY}, or give that configuration to go on with it")
     return finished
 
 
@@ -104,9 +104,9 @@ def stored_digest(file: Path) -> str:
     try:
         values = OmegaConf.to_container(OmegaConf.load(file), resolve=False)
     except (OSError, ValueError, YAMLError) as error:
-        raise InputError(file, f"cannot be read ({str(error).splitlines()[0]})", ELSEWHERE) from error
+        raise InputError(file, f"cannot be read ({str(error).splitlines()[0]})", REMEDY) from error
     if not isinstance(values, dict):
-        raise InputError(file, "is no configuration", ELSEWHERE)
+        raise InputError(file, "is no configuration", REMEDY)
     return digest_of({str(key): value for key, value in values.items()})
 
 
@@ -148,7 +148,7 @@ def effective_config(cfg: DictConfig) -> dict[str, Any]:
     values = OmegaConf.to_container(cfg, resolve=True)
     if not isinstance(values, dict):
         raise TypeError(f"a job's configuration is a mapping, got {type(values).__name__}")
-    return {str(key): value for key, value in values.items() if key not in WITHOUT_EFFECT}
+    return {str(key): value for key, value in values.items() if key not in IGNORED_KEYS}
 
 
 def digest_of(values: dict[str, Any]) -> str:

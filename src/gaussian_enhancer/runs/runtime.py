@@ -23,7 +23,7 @@ def start(runtime: DictConfig) -> torch.device:
     if not isinstance(threads, int) or threads < 1:
         raise InputError("runtime.threads", f"is {threads!r}", "give a positive number or null")
     if runtime.keep_memory:
-        memory.keep_freed()
+        memory.retain_freed_memory()
     torch.set_num_threads(threads)
     torch.set_flush_denormal(True)  # denormals (below 1e-38) are tens of times slower and irrelevant to the results
     os.environ.setdefault("NUMBA_NUM_THREADS", str(threads))

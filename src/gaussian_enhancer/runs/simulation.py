@@ -8,14 +8,14 @@ from omegaconf import DictConfig, OmegaConf
 from gaussian_enhancer.degrade.gates.adaptive import AdaptiveGate, MixedGate, calibrate_on_splat
 from gaussian_enhancer.degrade.gates.fingerprint import Fingerprint, fingerprint_of_training_views
 from gaussian_enhancer.degrade.gates.gate import AllGate, Gate, NoGate, RandomGate
-from gaussian_enhancer.degrade.photographed import Photographed, read_held_out, read_image
+from gaussian_enhancer.degrade.photographed import SimulatorInput, read_held_out, read_image
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import read_run
 
 
-def whole_option(cfg: DictConfig, key: str, least: int) -> int:
+def integer_option(cfg: DictConfig, key: str, least: int) -> int:
     """Read an option that must be an integer.
 
     Args:
@@ -54,7 +54,7 @@ def read_fitted_run(cfg: DictConfig) -> RenderedSet | None:
     return read_run(cfg.run, cfg.step) if cfg.run is not None else None
 
 
-def choose_photo(cfg: DictConfig, rendered: RenderedSet | None) -> Photographed:
+def choose_photo(cfg: DictConfig, rendered: RenderedSet | None) -> SimulatorInput:
     """The photo to degrade.
 
     Args:
@@ -80,7 +80,7 @@ def run_fingerprint(rendered: RenderedSet | None) -> Fingerprint | None:
     return fingerprint_of_training_views(rendered)
 
 
-def chosen_gate(cfg: DictConfig, rendered: RenderedSet | None) -> tuple[DictConfig, Gate]:
+def choose_gate(cfg: DictConfig, rendered: RenderedSet | None) -> tuple[DictConfig, Gate]:
     """The gate that the configuration names. ``gate=adaptive`` without a file is calibrated on the training views.
 
     Args:

@@ -12,7 +12,7 @@ from gaussian_enhancer.runs.rendered_capture import SplatRenderer, open_renderer
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Scene
-from gaussian_enhancer.splat.io.gsplat_results import splat_in
+from gaussian_enhancer.splat.io.gsplat_results import find_splat
 from gaussian_enhancer.types import Camera
 
 
@@ -112,7 +112,7 @@ def find_splat_file(gaussians: str | Path) -> Path:
     Raises:
         InputError: the folder holds no splat.
     """
-    return splat_in(gaussians)
+    return find_splat(gaussians)
 
 
 def _capture_of_run(cfg: DictConfig) -> Capture:

@@ -23,10 +23,10 @@ RUNNING, FAILED, DONE = "running", "failed", "done"
 BEFORE_RESULTS = frozenset({"config.yaml", RUNNING, FAILED, lock.NAME})
 """Files of a run's folder that are not results."""
 
-Name = Literal["not started", "running", "stopped", "failed", "done"]
-NAMES: tuple[Name, ...] = ("not started", "running", "stopped", "failed", "done")
+StateName = Literal["not started", "running", "stopped", "failed", "done"]
+NAMES: tuple[StateName, ...] = ("not started", "running", "stopped", "failed", "done")
 
-_opened: ContextVar[list[Path] | None] = ContextVar("_opened", default=None)
+_started_folders: ContextVar[list[Path] | None] = ContextVar("_opened", default=None)
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class State:
         detail: the error, or the process that works on the run.
     """
 
-    name: Name
+    name: StateName
     detail: str = ""
 
 
@@ -61,7 +61,7 @@ def state_of(folder: Path | None) -> State:
     return State("failed", str(failed.get("error"))) if failed else State("stopped")
 
 
-def begin(folder: Path) -> None:
+def mark_running(folder: Path) -> None:
     """Mark a run as running in this process and remove an earlier error."""
     from psutil import Process
 
@@ -73,12 +73,12 @@ def begin(folder: Path) -> None:
         "time": time.time(),
     }
     _write(folder / RUNNING, process)
-    opened = _opened.get()
+    opened = _started_folders.get()
     if opened is not None:
         opened.append(folder)
 
 
-def end(folder: Path) -> None:
+def remove_marks(folder: Path) -> None:
     """Remove the files ``running`` and ``failed``."""
     for status_file in (RUNNING, FAILED):
         (folder / status_file).unlink(missing_ok=True)
@@ -93,7 +93,7 @@ def track_runs(discard: bool = False) -> Iterator[None]:
     Args:
         discard: remove runs that were refused before they wrote a result, instead of marking them as failed.
     """
-    with lock.release_at_end(), _begun_runs([]) as folders:
+    with lock.release_at_end(), _collect_started_runs([]) as folders:
         try:
             yield
         except Exception as error:
@@ -109,13 +109,13 @@ def track_runs(discard: bool = False) -> Iterator[None]:
 
 
 @contextmanager
-def _begun_runs(folders: list[Path]) -> Iterator[list[Path]]:
+def _collect_started_runs(folders: list[Path]) -> Iterator[list[Path]]:
     """Append each run that is started inside the context to the list, and yield the list."""
-    token = _opened.set(folders)
+    token = _started_folders.set(folders)
     try:
         yield folders
     finally:
-        _opened.reset(token)
+        _started_folders.reset(token)
 
 
 @contextmanager

@@ -44,7 +44,7 @@ FRAMES, FPS = 240, 30.0
 FORMATS = (*CODECS, "frames")
 SHAPE_TOLERANCE = 0.02
 """Permitted relative difference of aspect ratio between a clip's frames and its cameras, since sides are rounded."""
-SHOWN = ("format", "layout", "wipe", "fps", "quality")
+PRESENTATION_KEYS = ("format", "layout", "wipe", "fps", "quality")
 """Keys that change only how frames are presented. Other values of them reuse the frames that exist."""
 
 
@@ -94,7 +94,7 @@ class CameraPath:
 
 
 @dataclass(frozen=True)
-class Filmed:
+class VideoTask:
     """A video to enhance: its frames, the references and the enhancer.
 
     Args:
@@ -160,7 +160,7 @@ def read_output(cfg: DictConfig, path: CameraPath | None = None) -> VideoOutput:
     return VideoOutput(encoding, layout, output, clip.path if clip is not None and clip.sound else None)
 
 
-def prepare_film(cfg: DictConfig, device: torch.device) -> Filmed:
+def prepare_video(cfg: DictConfig, device: torch.device) -> VideoTask:
     """Compute the path, read the splat, load the weights and validate the input.
 
     Args:
@@ -175,12 +175,12 @@ def prepare_film(cfg: DictConfig, device: torch.device) -> Filmed:
     enhancer, task, validated = prepare_enhancement(pretrained, task, options_of(cfg), device)
     references = PathReferences.from_config(validated.reference_config)
     enhancer.reference_config = references
-    return Filmed(cfg, path, enhancer, task, replace(validated, reference_config=references))
+    return VideoTask(cfg, path, enhancer, task, replace(validated, reference_config=references))
 
 
-def load_film(cfg: DictConfig, device: torch.device) -> tuple[SetEnhancer, Task, ValidatedInputs]:
-    """The enhancer, the task and the validated inputs of `prepare_film`, whose run time `within_budget` measures."""
-    filmed = prepare_film(cfg, device)
+def load_video(cfg: DictConfig, device: torch.device) -> tuple[SetEnhancer, Task, ValidatedInputs]:
+    """The enhancer, the task and the validated inputs of `prepare_video`, whose run time `apply_budget` measures."""
+    filmed = prepare_video(cfg, device)
     return filmed.enhancer, filmed.task, filmed.found
 
 
@@ -196,7 +196,7 @@ def read_path_task(cfg: DictConfig, device: str, fine: bool) -> tuple[CameraPath
         InputError: no splat or several were given, the input cannot be read, or the path cannot be computed.
     """
     capture = open_capture(cfg, "video")
-    path = lay_path(cfg, capture.cameras)
+    path = compute_path(cfg, capture.cameras)
     renderer = capture.renderer(cfg, device)
     refuse_inside(path.cameras, capture.cameras, renderer, f"path={cfg.path}")
     rendered = capture.references_rendered_by(renderer)
@@ -208,7 +208,7 @@ def read_path_task(cfg: DictConfig, device: str, fine: bool) -> tuple[CameraPath
     return path, replace(task, rendered=replace(task.rendered, targets=targets, own_depth=True))
 
 
-def lay_path(cfg: DictConfig, cameras: Sequence[Camera]) -> CameraPath:
+def compute_path(cfg: DictConfig, cameras: Sequence[Camera]) -> CameraPath:
     """Compute the camera path that a configuration describes.
 
     Args:
@@ -265,7 +265,7 @@ def _refuse_other_path(clip: Clip, cameras: Sequence[Camera], file: str) -> None
         raise InputError(clip.path, received, remedy)
 
 
-def run_configuration(filmed: Filmed) -> DictConfig:
+def run_configuration(filmed: VideoTask) -> DictConfig:
     """The configuration that names the run's folder: all that frames depend on, with a digest of each file's content.
 
     Args:
@@ -277,7 +277,7 @@ def run_configuration(filmed: Filmed) -> DictConfig:
     if filmed.path.clip is not None:
         digests["input"] = file_digest(filmed.path.clip.path)
     with open_dict(configuration):
-        for name in (*SHOWN, "input"):  # the input is identified by its content
+        for name in (*PRESENTATION_KEYS, "input"):  # the input is identified by its content
             configuration.pop(name, None)
         configuration.update(
             {"output": None, "made_of": {**digests, "weights": file_digest(find_checkpoint(cfg.weights))}}

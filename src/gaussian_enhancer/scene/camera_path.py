@@ -20,15 +20,15 @@ from gaussian_enhancer.typed import check_fields
 from gaussian_enhancer.types import Camera
 
 Shape = Literal["interpolate", "orbit", "spiral"]
-OUTSIDE = 1.0
+MAX_DISTANCE = 1.0
 """Maximum distance of a path camera from the nearest photo's camera, in widths of the capture."""
-PARALLEL = 1e-3
+PARALLEL_EIGENVALUE = 1e-3
 """Viewing directions d count as parallel if the smallest eigenvalue of the mean of I - d d^T is below this."""
-IN_FRONT = 0.75
+MIN_FRONT_SHARE = 0.75
 """Minimum share of the cameras in front of which their common focus must lie."""
-AROUND = 0.5
+MAX_MEAN_DIRECTION = 0.5
 """Cameras count as looking in all directions if the length of their mean viewing direction is below this."""
-FAR = 10.0
+SPIRAL_FOCUS_DISTANCE = 10.0
 """Distance of a spiral's focus where there is no focus in front of the cameras, in units of the cameras' spread."""
 
 
@@ -126,14 +126,14 @@ def refuse_outside(path: Sequence[Camera], cameras: Sequence[Camera], subject: o
         subject: name of the path, for the error.
 
     Raises:
-        InputError: the distance from a path camera to the nearest of the capture's cameras exceeds `OUTSIDE` times the
+        InputError: the distance from a path camera to the nearest of the capture's cameras exceeds `MAX_DISTANCE` times the
             capture's width.
     """
     photo_centres = _centres(cameras)
     width = 2 * float(np.linalg.norm(photo_centres - photo_centres.mean(0), axis=1).max())
     distances = np.stack([np.linalg.norm(photo_centres - centre, axis=1).min() for centre in _centres(path)])
     farthest = int(distances.argmax())
-    if width > 0 and distances[farthest] > OUTSIDE * width:
+    if width > 0 and distances[farthest] > MAX_DISTANCE * width:
         received = (
             f"leaves the capture: camera {farthest + 1} of {len(path)} is {distances[farthest] / width:.1f} times the "
         )
@@ -170,13 +170,13 @@ def _orbit(cameras: Sequence[Camera], lens: Camera, settings: PathSettings) -> t
 def _spiral(cameras: Sequence[Camera], lens: Camera, settings: PathSettings) -> tuple[Camera, ...]:
     centres, up = _centres(cameras), _up(cameras, "spiral")
     mean, forward = centres.mean(0), np.stack([c.forward.double().cpu().numpy() for c in cameras]).mean(0)
-    if np.linalg.norm(forward) < AROUND:
+    if np.linalg.norm(forward) < MAX_MEAN_DIRECTION:
         raise InputError("path=spiral", "has no front: the cameras look all around", "use path=orbit or interpolate")
     forward = forward / np.linalg.norm(forward)
     spread = float(np.linalg.norm(centres - mean, axis=1).max())
     focus = _focus(cameras)
     focus_distance = 0.0 if focus is None else float((focus - mean) @ forward)
-    target = mean + (focus_distance if focus_distance > 0 else FAR * spread) * forward
+    target = mean + (focus_distance if focus_distance > 0 else SPIRAL_FOCUS_DISTANCE * spread) * forward
     right = np.cross(forward, up)
     axes = np.stack([right / np.linalg.norm(right), np.cross(forward, right) / np.linalg.norm(right), forward])
     radii = settings.radius * np.percentile(np.abs((centres - mean) @ axes.T), 90, axis=0)
@@ -205,11 +205,11 @@ def _focus(cameras: Sequence[Camera]) -> Float[np.ndarray, " 3"] | None:
     directions = np.stack([camera.forward.double().cpu().numpy() for camera in cameras])
     projections = np.eye(3) - directions[:, :, None] * directions[:, None, :]
     normal_matrix = projections.mean(0)
-    if np.linalg.eigvalsh(normal_matrix)[0] < PARALLEL:
+    if np.linalg.eigvalsh(normal_matrix)[0] < PARALLEL_EIGENVALUE:
         return None
     point = np.linalg.solve(normal_matrix, (projections @ centres[:, :, None]).mean(0)[:, 0])
     in_front = ((point - centres) * directions).sum(1) > 0
-    return point if in_front.mean() >= IN_FRONT else None
+    return point if in_front.mean() >= MIN_FRONT_SHARE else None
 
 
 def _look_at(

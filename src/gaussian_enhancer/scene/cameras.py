@@ -16,7 +16,7 @@ import torch
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.input_files import abbreviate, reader
-from gaussian_enhancer.scene.json_file import member, number, pixels, read_json, text
+from gaussian_enhancer.scene.json_file import get_member, get_number, get_pixels, get_string, read_json
 from gaussian_enhancer.scene.posed import orthonormal_pose
 from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.scene.scene import Photo, Scene
@@ -75,7 +75,7 @@ def read_cameras(path: Path) -> tuple[ListedCamera, ...]:
     entries = read_json(path)
     if not isinstance(entries, list) or not entries:
         raise InputError(path, "lists no cameras", "write it again, as a list with one entry for each view")
-    return tuple(_listed(entry, f"{path} entry {i}") for i, entry in enumerate(entries))
+    return tuple(_parse_camera(entry, f"{path} entry {i}") for i, entry in enumerate(entries))
 
 
 def cameras_by_stem(cameras: Sequence[ListedCamera], source: Path) -> dict[str, Camera]:
@@ -112,14 +112,14 @@ def _entry(index: int, view: Photo | RenderedView, side: Side) -> dict[str, Any]
     }
 
 
-def _listed(entry: Any, where: str) -> ListedCamera:
-    width, height = pixels(entry, "width", where), pixels(entry, "height", where)
-    fx, fy = number(entry, "fx", where), number(entry, "fy", where)
-    cx, cy = number(entry, "cx", where, width / 2), number(entry, "cy", where, height / 2)
+def _parse_camera(entry: Any, where: str) -> ListedCamera:
+    width, height = get_pixels(entry, "width", where), get_pixels(entry, "height", where)
+    fx, fy = get_number(entry, "fx", where), get_number(entry, "fy", where)
+    cx, cy = get_number(entry, "cx", where, width / 2), get_number(entry, "cy", where, height / 2)
     K, _, _ = ideal_pinhole(Lens("PINHOLE", width, height, (fx, fy, cx, cy), where))
     try:
-        camera_to_world = torch.tensor(member(entry, "rotation", where), dtype=torch.float64).reshape(3, 3)
-        position = torch.tensor(member(entry, "position", where), dtype=torch.float64).reshape(3)
+        camera_to_world = torch.tensor(get_member(entry, "rotation", where), dtype=torch.float64).reshape(3, 3)
+        position = torch.tensor(get_member(entry, "position", where), dtype=torch.float64).reshape(3)
     except (TypeError, ValueError, RuntimeError, OverflowError) as error:
         raise InputError(where, f"has a malformed pose ({error})", "give a 3x3 rotation and a position") from error
     pose = torch.eye(4, dtype=torch.float64)
@@ -129,4 +129,4 @@ def _listed(entry: Any, where: str) -> ListedCamera:
     if split not in (None, "train", "test"):
         raise InputError(where, f"has split {abbreviate(split)}", 'give "train" or "test"')
     camera = Camera(K.float(), orthonormal_pose(pose, where).float(), height, width)
-    return ListedCamera(text(entry, "img_name", where), camera, split)
+    return ListedCamera(get_string(entry, "img_name", where), camera, split)

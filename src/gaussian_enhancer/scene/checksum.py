@@ -38,7 +38,7 @@ def check_archive(archive: Archive, file: Path, place: Path, md5: str | None = N
     with file.open("rb") as stream:
         sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
     checksum_file = place.with_name(f"{place.name}.sha256")
-    expected_sha256 = {"recorded": archive.sha256, f"in {checksum_file.name}": _first_word(checksum_file)}
+    expected_sha256 = {"recorded": archive.sha256, f"in {checksum_file.name}": _read_checksum(checksum_file)}
     for origin, expected in expected_sha256.items():
         if expected not in (None, sha256):
             raise InputError(place, f"has SHA-256 {sha256} where {expected} is {origin}", _remedy(place))
@@ -62,7 +62,7 @@ def served_md5(headers: Message) -> str | None:
         return None
 
 
-def _first_word(beside: Path) -> str | None:
+def _read_checksum(beside: Path) -> str | None:
     if not beside.is_file():
         return None
     words = beside.read_text(encoding="utf-8").split()

@@ -21,7 +21,7 @@ from gaussian_enhancer.input_files import abbreviate, read_bytes, read_text, rea
 from gaussian_enhancer.scene.scene import Points
 from gaussian_enhancer.scene.undistort import Lens, load_pycolmap
 
-AGAIN = "copy or export the model again"
+REMEDY = "copy or export the model again"
 _POINT = np.dtype([("id", "<u8"), ("xyz", "<f8", 3), ("rgb", "u1", 3), ("error", "<f8")])
 
 
@@ -78,7 +78,7 @@ def read_colmap_model(folder: Path, ending: str) -> ColmapModel:
     images_by_number = _unique(_binary_images(images_file) if is_binary else _text_images(images_file), images_file)
     for image in images_by_number.values():
         if image.camera not in lenses:
-            raise InputError(images_file, f"gives {image.name} camera {image.camera}, which is not listed", AGAIN)
+            raise InputError(images_file, f"gives {image.name} camera {image.camera}, which is not listed", REMEDY)
     return ColmapModel(
         lenses,
         tuple(images_by_number.values()),
@@ -90,7 +90,7 @@ def _unique(records: Iterator[tuple[int, Any]], file: Path) -> dict[int, Any]:
     unique: dict[int, Any] = {}
     for number, record in records:
         if number in unique:
-            raise InputError(file, f"lists number {number} more than once", AGAIN)
+            raise InputError(file, f"lists number {number} more than once", REMEDY)
         unique[number] = record
     return unique
 
@@ -112,7 +112,7 @@ def _models() -> dict[int, tuple[str, int]]:
 
 
 def _damaged_file(file: Path, size: int) -> InputError:
-    return InputError(file, f"is truncated or damaged ({size} bytes)", AGAIN)
+    return InputError(file, f"is truncated or damaged ({size} bytes)", REMEDY)
 
 
 def _records(file: Path, data: bytes, record: Any) -> Iterator[tuple[int, Any]]:
@@ -127,7 +127,7 @@ def _records(file: Path, data: bytes, record: Any) -> Iterator[tuple[int, Any]]:
             raise
         raise _damaged_file(file, len(data)) from error
     if offset != len(data):
-        raise InputError(file, f"has {len(data)} bytes where its records take {offset}", AGAIN)
+        raise InputError(file, f"has {len(data)} bytes where its records take {offset}", REMEDY)
 
 
 def _binary_cameras(file: Path) -> Iterator[tuple[int, Lens]]:
@@ -151,13 +151,13 @@ def _binary_images(file: Path) -> Iterator[tuple[int, ColmapImage]]:
         number, *pose, camera = struct.unpack_from("<I7dI", data, offset)
         end = data.index(b"\0", offset + 64)
         (observation_count,) = struct.unpack_from("<Q", data, end + 1)
-        name = _decoded(data[offset + 64 : end], file)
+        name = _decode_name(data[offset + 64 : end], file)
         return end + 9 + 24 * observation_count, number, _image(name, camera, tuple(pose), file)
 
     return _records(file, data, record)
 
 
-def _decoded(name: bytes, file: Path) -> str:
+def _decode_name(name: bytes, file: Path) -> str:
     try:
         return name.decode()
     except UnicodeDecodeError as error:
@@ -196,7 +196,7 @@ def _lines(file: Path) -> Iterator[tuple[int, str]]:
 
 
 def _malformed(file: Path, number: int, line: str) -> InputError:
-    return InputError(file, f"has a malformed line {number}: {abbreviate(line)}", AGAIN)
+    return InputError(file, f"has a malformed line {number}: {abbreviate(line)}", REMEDY)
 
 
 def _text_cameras(file: Path) -> Iterator[tuple[int, Lens]]:

@@ -139,7 +139,7 @@ class Dataset:
             raise InputError("scene.downscale", received, f"choose from {factors}: its own photos")
         return self.pyramid[int(downscale)]
 
-    def chosen(self, names: tuple[str, ...] | None) -> Mapping[str, DatasetScene]:
+    def select_scenes(self, names: tuple[str, ...] | None) -> Mapping[str, DatasetScene]:
         """The scenes with the given names, by name; all scenes where None.
 
         Raises:

@@ -14,13 +14,13 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import array_header, load_array
-from gaussian_enhancer.input_files import codec, refuse_larger, regular_file
-from gaussian_enhancer.scene.photos import opened
+from gaussian_enhancer.input_files import convert_decoder_errors, refuse_larger, regular_file
+from gaussian_enhancer.scene.photos import open_image
 from gaussian_enhancer.types import FARTHEST_DEPTH
 
 DEPTH_ENDINGS = (".npy", ".npz", ".png")
 PNG_MODES = ("I;16", "I;16B", "I;16L", "I", "L")
-AGAIN = "write the depth map again"
+REMEDY = "write the depth map again"
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class ReadDepth:
         Raises:
             InputError: the file is damaged or exceeds the size limit, or depth is negative or above `FARTHEST_DEPTH`.
         """
-        stored = _stored(self.path)
+        stored = _read_stored(self.path)
         depth = np.where(np.isfinite(stored), stored, 0) * np.float64(self.scale)
         if depth.size and depth.min() < 0:
             raise InputError(self.path, f"has depth {depth.min():g}", "write z in front of the camera, 0 for none")
@@ -79,12 +79,12 @@ def _file_shape(path: Path) -> tuple[bool, tuple[int, ...], np.dtype]:
     """Whether the file is an image, and the shape and data type in its header, once checked against the size limit."""
     regular_file(path)
     if path.suffix.lower() == ".png":
-        with opened(path) as image:
+        with open_image(path) as image:
             if image.mode not in PNG_MODES:
                 raise InputError(path, f"is an image of mode {image.mode}", "save depth as grey PNG of 16 bits")
             return True, (image.height, image.width), np.dtype(np.int32)
-    with codec(path, AGAIN):
-        shape, dtype = array_header(path, _named)
+    with convert_decoder_errors(path, REMEDY):
+        shape, dtype = array_header(path, _choose_array)
     if len(_squeeze(shape)) != 2 or dtype.kind not in "fiu":
         raise InputError(path, f"holds {dtype} of shape {shape}", "store one number a pixel, shape (height, width)")
     # Bytes per pixel: as stored, masked, scaled in float64, and as float32.
@@ -97,16 +97,16 @@ def _squeeze(shape: tuple[int, ...]) -> tuple[int, ...]:
     return shape[:2] if len(shape) == 3 and shape[2] == 1 else shape
 
 
-def _stored(path: Path) -> np.ndarray:
+def _read_stored(path: Path) -> np.ndarray:
     is_image, shape, _ = _file_shape(path)
     if is_image:
-        with opened(path) as image, codec(path, AGAIN):
+        with open_image(path) as image, convert_decoder_errors(path, REMEDY):
             return np.asarray(image)
-    with codec(path, AGAIN):
-        return np.asarray(load_array(path, _named)).reshape(_squeeze(shape))
+    with convert_decoder_errors(path, REMEDY):
+        return np.asarray(load_array(path, _choose_array)).reshape(_squeeze(shape))
 
 
-def _named(names: list[str]) -> str:
+def _choose_array(names: list[str]) -> str:
     if "depth" not in names and len(names) != 1:
         raise KeyError(f"no array named depth among {names}")
     return "depth" if "depth" in names else names[0]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import unwritable
+from gaussian_enhancer.files import to_write_error
 from gaussian_enhancer.scene.transfer import check_room
 
 
@@ -70,7 +70,7 @@ def unpack(
     except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError) as error:
         raise InputError(archive, f"is no intact zip file ({error})", "delete it and fetch it again") from error
     except OSError as error:
-        raise unwritable(folder, error) from error
+        raise to_write_error(folder, error) from error
     return missing_parts
 
 

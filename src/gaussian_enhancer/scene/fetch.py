@@ -15,17 +15,17 @@ from io import FileIO
 from pathlib import Path
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import unwritable
+from gaussian_enhancer.files import to_write_error
 from gaussian_enhancer.scene.checksum import check_archive
 from gaussian_enhancer.scene.datasets import Archive
 from gaussian_enhancer.scene.transfer import Advance, Transfer
 
-BROKEN = (OSError, http.client.HTTPException)
+CONNECTION_ERRORS = (OSError, http.client.HTTPException)
 """Exceptions of a failed connection; the timeouts of urllib, ssl and the system are all OSError."""
 
 
 @dataclass(frozen=True)
-class Patience:
+class RetrySettings:
     """Retry limits and time-outs of a download.
 
     Args:
@@ -40,7 +40,12 @@ class Patience:
 
 
 def fetch(
-    archive: Archive, path: Path, *, page: str = "", patience: Patience | None = None, advance: Advance | None = None
+    archive: Archive,
+    path: Path,
+    *,
+    page: str = "",
+    patience: RetrySettings | None = None,
+    advance: Advance | None = None,
 ) -> str:
     """Download an archive, verify it and move it to its final path.
 
@@ -59,7 +64,7 @@ def fetch(
         InputError: the server refuses the request or sends another file, the connection breaks too often, the disk is
             full, or another process is downloading the same file.
     """
-    patience, report = patience or Patience(), advance or (lambda done, total: None)
+    patience, report = patience or RetrySettings(), advance or (lambda done, total: None)
     with _lock_part(path.with_name(f"{path.name}.part")) as part:
         transfer = Transfer(archive, path, part, page, patience.timeout, report)
         most_bytes, idle_attempts, reason = transfer.size, 0, ""
@@ -67,7 +72,7 @@ def fetch(
             try:
                 transfer.attempt()
                 reason = "the connection was closed"
-            except BROKEN as error:
+            except CONNECTION_ERRORS as error:
                 reason = str(error) or type(error).__name__
             idle_attempts = 0 if transfer.size > most_bytes else idle_attempts + 1
             most_bytes = max(most_bytes, transfer.size)
@@ -82,7 +87,7 @@ def fetch(
         except InputError:
             transfer.discard()
             raise
-        transfer.version.unlink(missing_ok=True)
+        transfer.version_file.unlink(missing_ok=True)
         os.replace(temporary, path)
     return digest
 
@@ -94,7 +99,7 @@ def _lock_part(part: Path) -> Iterator[FileIO]:
         part.parent.mkdir(parents=True, exist_ok=True)
         file = FileIO(part, "a")
     except OSError as error:
-        raise unwritable(part, error) from error
+        raise to_write_error(part, error) from error
     with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

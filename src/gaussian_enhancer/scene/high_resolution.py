@@ -73,7 +73,7 @@ def resized_reader(read: Callable[[], Float[Tensor, "3 _ _"]], height: int, widt
     return ReadResized(read, height, width)
 
 
-def own_size(size: tuple[int, int], render: tuple[int, int]) -> tuple[int, int] | None:
+def original_size(size: tuple[int, int], render: tuple[int, int]) -> tuple[int, int] | None:
     """The size of a finer photo; None if it is exactly 4 times the render's."""
     return None if size == (UPSCALE * render[0], UPSCALE * render[1]) else size
 
@@ -89,7 +89,7 @@ def _with_fine_photo(view: RenderedView, photo: Photo) -> RenderedView:
         received += f"{UPSCALE * render_size[0]}"
         raise InputError(photo.name, received, "give photos 4 times as fine as the renders")
     read = resized_reader(photo.read, UPSCALE * render_size[0], UPSCALE * render_size[1])
-    return dataclasses.replace(view, read_fine_photo=read, fine_size=own_size(photo_size, render_size))
+    return dataclasses.replace(view, read_fine_photo=read, fine_size=original_size(photo_size, render_size))
 
 
 def _size(camera, read) -> tuple[int, int]:  # type: ignore[no-untyped-def]

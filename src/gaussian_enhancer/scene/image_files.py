@@ -12,7 +12,7 @@ from PIL import Image
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.scene.png import encode_png
 
 
@@ -30,7 +30,7 @@ def write_image(path: Path, image: Float[Tensor, "3 h w"]) -> None:
         raise InputError(path, f"ends in {path.suffix!r}, which no image format has", "name it .png")
     lossy = path.suffix.lower() in (".jpg", ".jpeg", ".webp")
     values = to_bytes(image)
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         if path.suffix.lower() == ".png":
             temporary.write_bytes(encode_png(values))
         elif lossy:

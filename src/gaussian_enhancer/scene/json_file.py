@@ -20,7 +20,7 @@ def read_json(path: Path) -> Any:
     return parse_json(read_text(path, JSON_GROWTH), path)
 
 
-def member(record: Any, key: str, where: object) -> Any:
+def get_member(record: Any, key: str, where: object) -> Any:
     """The member ``record[key]`` of a JSON object.
 
     Raises:
@@ -31,7 +31,7 @@ def member(record: Any, key: str, where: object) -> Any:
     return record[key]
 
 
-def number(record: Any, key: str, where: object, default: int | float | None = None) -> float:
+def get_number(record: Any, key: str, where: object, default: int | float | None = None) -> float:
     """A member of a JSON object that is a finite number; ``default`` where it is absent.
 
     Raises:
@@ -39,43 +39,43 @@ def number(record: Any, key: str, where: object, default: int | float | None = N
     """
     if default is not None and isinstance(record, dict) and key not in record:
         return float(default)
-    value = member(record, key, where)
+    value = get_member(record, key, where)
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise InputError(where, f"has {key} = {abbreviate(value)}", "give a number")
     return float(value)
 
 
-def pixels(record: Any, key: str, where: object, default: int | None = None) -> int:
+def get_pixels(record: Any, key: str, where: object, default: int | None = None) -> int:
     """A member of a JSON object that is an image's width or height in pixels; ``default`` where it is absent.
 
     Raises:
         InputError: the member is not an integer from 1 to 1,000,000, or is absent without a default.
     """
-    value = number(record, key, where, default)
+    value = get_number(record, key, where, default)
     if not 1 <= value <= LARGEST_SIDE or value != int(value):
         raise InputError(where, f"has {key} = {value:g}", "give a whole number of pixels above 0")
     return int(value)
 
 
-def mapping(record: Any, key: str, where: object) -> dict[str, Any]:
+def get_object(record: Any, key: str, where: object) -> dict[str, Any]:
     """A member of a JSON object that is itself an object.
 
     Raises:
         InputError: the member is not an object, or is absent.
     """
-    value = member(record, key, where)
+    value = get_member(record, key, where)
     if not isinstance(value, dict):
         raise InputError(where, f"has {key} = {abbreviate(value)}", "give an object with one entry for each")
     return value
 
 
-def text(record: Any, key: str, where: object) -> str:
+def get_string(record: Any, key: str, where: object) -> str:
     """A member of a JSON object that is a string.
 
     Raises:
         InputError: the member is not a string, or is absent.
     """
-    value = member(record, key, where)
+    value = get_member(record, key, where)
     if not isinstance(value, str):
         raise InputError(where, f"has {key} = {abbreviate(value)}", "give text in quotes")
     return value

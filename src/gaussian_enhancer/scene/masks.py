@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.scene.scene import Scene
 
 
@@ -32,7 +32,7 @@ def write_masks(scene: Scene, folder: str | Path) -> tuple[Path, ...]:
             raise InputError(f"photo {photo.name} of {scene.name}", "has no alpha channel", "measure it without masks")
         path = Path(folder) / f"{Path(photo.name).stem}.png"
         grey = (photo.read_alpha()[0].numpy() * 255).round().astype(np.uint8)
-        with whole_file(path) as temporary:
+        with atomic_write(path) as temporary:
             Image.fromarray(grey).save(temporary)
         files.append(path)
     return tuple(files)

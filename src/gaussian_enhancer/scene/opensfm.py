@@ -15,7 +15,7 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.input_files import abbreviate, reader
-from gaussian_enhancer.scene.json_file import mapping, member, number, pixels, read_json, text
+from gaussian_enhancer.scene.json_file import get_member, get_number, get_object, get_pixels, get_string, read_json
 from gaussian_enhancer.scene.photos import list_images
 from gaussian_enhancer.scene.posed import PosedFile, build_scene, refuse_or_drop
 from gaussian_enhancer.scene.scene import Points, Scene
@@ -59,13 +59,13 @@ def load_opensfm(
         count = len(reconstructions) if isinstance(reconstructions, list) else 0
         raise InputError(source, f"has {count} reconstructions, number {component} was asked for", "set component=")
     content = reconstructions[component]
-    cameras = mapping(content, "cameras", source)
+    cameras = get_object(content, "cameras", source)
     lenses = {key: _lens(camera, f"{source} camera {key}") for key, camera in cameras.items()}
     photos = {photo.name: photo for photo in list_images(root / images)}
-    shots = mapping(content, "shots", source)
+    shots = get_object(content, "shots", source)
     refuse_or_drop([s for s in shots if s not in photos], "shots without a photo", source, missing)
     refuse_or_drop([p for p in photos if p not in shots], "photos without a camera", root / images, missing)
-    files = [_posed(key, shots[key], photos[key], lenses, source) for key in shots if key in photos]
+    files = [_parse_shot(key, shots[key], photos[key], lenses, source) for key in shots if key in photos]
     return build_scene(
         files,
         source=root,
@@ -100,34 +100,34 @@ def _reconstruction_file(root: Path) -> Path:
 
 
 def _lens(camera: Any, where: str) -> Lens:
-    width, height = pixels(camera, "width", where), pixels(camera, "height", where)
+    width, height = get_pixels(camera, "width", where), get_pixels(camera, "height", where)
     size = max(width, height)
-    k1, k2, k3 = (number(camera, key, where, 0.0) for key in ("k1", "k2", "k3"))
+    k1, k2, k3 = (get_number(camera, key, where, 0.0) for key in ("k1", "k2", "k3"))
     model = camera.get("projection_type", "perspective")
     if model in ("perspective", "simple_radial"):
-        shared_focal = number(camera, "focal", where, number(camera, "focal_x", where, 0.0)) * size
+        shared_focal = get_number(camera, "focal", where, get_number(camera, "focal_x", where, 0.0)) * size
         return Lens("RADIAL", width, height, (shared_focal, width / 2, height / 2, k1, k2), where)
     if model == "fisheye":
-        focal = number(camera, "focal", where) * size
+        focal = get_number(camera, "focal", where) * size
         return Lens("OPENCV_FISHEYE", width, height, (focal, focal, width / 2, height / 2, k1, k2, 0.0, 0.0), where)
-    focals = number(camera, "focal_x", where, 0.0) * size, number(camera, "focal_y", where, 0.0) * size
-    cx = width / 2 + number(camera, "c_x", where, 0.0) * size
-    cy = height / 2 + number(camera, "c_y", where, 0.0) * size
+    focals = get_number(camera, "focal_x", where, 0.0) * size, get_number(camera, "focal_y", where, 0.0) * size
+    cx = width / 2 + get_number(camera, "c_x", where, 0.0) * size
+    cy = height / 2 + get_number(camera, "c_y", where, 0.0) * size
     if model == "brown":
-        p1, p2 = number(camera, "p1", where, 0.0), number(camera, "p2", where, 0.0)
+        p1, p2 = get_number(camera, "p1", where, 0.0), get_number(camera, "p2", where, 0.0)
         params = (*focals, cx, cy, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0)
         return Lens("FULL_OPENCV", width, height, params, where)
     if model == "fisheye_opencv":
-        k4 = number(camera, "k4", where, 0.0)
+        k4 = get_number(camera, "k4", where, 0.0)
         return Lens("OPENCV_FISHEYE", width, height, (*focals, cx, cy, k1, k2, k3, k4), where)
     raise InputError(
         where, f"has projection_type {abbreviate(model)}", "use perspective, brown, fisheye or fisheye_opencv"
     )
 
 
-def _posed(key: str, shot: Any, photo: Path, lenses: dict[str, Lens], source: Path) -> PosedFile:
+def _parse_shot(key: str, shot: Any, photo: Path, lenses: dict[str, Lens], source: Path) -> PosedFile:
     context = f"{source} shot {key}"
-    camera = text(shot, "camera", context)
+    camera = get_string(shot, "camera", context)
     if camera not in lenses:
         raise InputError(
             context, f"names the camera {camera!r}, which is not listed", "export the reconstruction again"
@@ -139,7 +139,7 @@ def _posed(key: str, shot: Any, photo: Path, lenses: dict[str, Lens], source: Pa
 
 
 def _vector(record: Any, key: str, where: object) -> Float[Tensor, " 3"]:
-    values = member(record, key, where)
+    values = get_member(record, key, where)
     if not isinstance(values, list) or len(values) != 3 or not all(isinstance(v, int | float) for v in values):
         raise InputError(where, f"has {key} = {abbreviate(values)}", "give three numbers")
     vector = torch.tensor(values, dtype=torch.float64)
@@ -153,7 +153,7 @@ def _vector(record: Any, key: str, where: object) -> Float[Tensor, " 3"]:
 def _points(content: Any, source: Path) -> Points | None:
     if content.get("points") is None:
         return None
-    points = mapping(content, "points", source)
+    points = get_object(content, "points", source)
     if not points:
         return None
     try:

@@ -20,7 +20,7 @@ from gaussian_enhancer.files import write_text
 from gaussian_enhancer.input_files import abbreviate, reader
 from gaussian_enhancer.scene.cameras import read_cameras
 from gaussian_enhancer.scene.colmap import camera_pose, read_model
-from gaussian_enhancer.scene.json_file import mapping, number, pixels, read_json
+from gaussian_enhancer.scene.json_file import get_number, get_object, get_pixels, read_json
 from gaussian_enhancer.scene.posed import orthonormal_pose
 from gaussian_enhancer.scene.transforms import read_lens, read_pose
 from gaussian_enhancer.scene.undistort import Lens, ideal_pinhole
@@ -112,20 +112,20 @@ def write_path(path: str | Path, cameras: Sequence[Camera], fps: float) -> None:
 
 
 def _from_nerfstudio(content: dict[str, Any], source: Path) -> FilePath:
-    height, width = pixels(content, "render_height", source), pixels(content, "render_width", source)
+    height, width = get_pixels(content, "render_height", source), get_pixels(content, "render_width", source)
     kind = content.get("camera_type", "perspective")
     if kind != "perspective":
         raise InputError(source, f"has camera_type {abbreviate(kind)}", "render a perspective path")
     cameras = []
     for index, entry in enumerate(_entries(content, "camera_path", source)):
         context = f"{source} camera {index}"
-        angle = number(entry, "fov", context)
+        angle = get_number(entry, "fov", context)
         if not 0 < angle < 180:
             raise InputError(context, f"has fov = {angle:g}", "give degrees above 0 and below 180")
         focal = height / (2 * math.tan(math.radians(angle) / 2))
         lens = Lens("PINHOLE", width, height, (focal, focal, width / 2, height / 2), context)
         cameras.append(_camera(lens, read_pose(entry, "camera_to_world", context), context))
-    fps = number(content, "fps", source) if content.get("fps") is not None else None
+    fps = get_number(content, "fps", source) if content.get("fps") is not None else None
     return FilePath(tuple(cameras), fps)
 
 
@@ -153,7 +153,7 @@ def _entries(content: dict[str, Any], key: str, source: Path) -> Sequence[Any]:
     if len(entries) > MOST_FRAMES:
         raise InputError(source, f"lists {len(entries)} cameras", f"give at most {MOST_FRAMES}")
     for index in range(len(entries)):
-        mapping({key: entries[index]}, key, f"{source} entry {index}")
+        get_object({key: entries[index]}, key, f"{source} entry {index}")
     return entries
 
 

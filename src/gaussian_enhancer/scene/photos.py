@@ -16,7 +16,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.input_files import codec, reader, refuse_larger, regular_file
+from gaussian_enhancer.input_files import convert_decoder_errors, reader, refuse_larger, regular_file
 from gaussian_enhancer.typed import check_value
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
@@ -69,7 +69,7 @@ def read_header(path: Path) -> ImageHeader:
     Raises:
         InputError: the file is missing, empty, not an image, or larger than the limit.
     """
-    with opened(path) as image:
+    with open_image(path) as image:
         has_alpha = "A" in image.getbands() or "transparency" in image.info
         return ImageHeader(image.height, image.width, has_alpha)
 
@@ -83,8 +83,10 @@ def decode(path: Path) -> Float[Tensor, "c h w"]:
         InputError: the file is missing, empty, truncated, not an image or larger than the limit, or its pixel format
             does not define the value of white.
     """
-    with opened(path) as image, codec(path, REPLACE):
-        pixels = _deep_png(path) if image.format == "PNG" and _is_deep(path) else _shallow(path, image)
+    with open_image(path) as image, convert_decoder_errors(path, REPLACE):
+        pixels = (
+            _read_16_bit_png(path) if image.format == "PNG" and _is_16_bit(path) else _convert_to_float(path, image)
+        )
     return torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1)))
 
 
@@ -150,7 +152,7 @@ def downscaled_size(height: int, width: int, downscale: int | float) -> tuple[in
     return size
 
 
-def opened(path: Path) -> Image.Image:
+def open_image(path: Path) -> Image.Image:
     """Open an image file and read its header; use the result in a ``with`` block.
 
     Raises:
@@ -160,7 +162,7 @@ def opened(path: Path) -> Image.Image:
     if file_size == 0:
         raise InputError(path, "is empty (0 bytes)", REPLACE)
     try:
-        with codec(path, REPLACE):
+        with convert_decoder_errors(path, REPLACE):
             image = Image.open(path, formats=FORMATS)
     except InputError as error:
         if isinstance(error.__cause__, Image.UnidentifiedImageError):
@@ -170,14 +172,14 @@ def opened(path: Path) -> Image.Image:
     return image
 
 
-def _is_deep(path: Path) -> bool:
+def _is_16_bit(path: Path) -> bool:
     """Whether a PNG has 16 bits per channel and colour or alpha, which PIL silently reduces to 8 bits."""
     with path.open("rb") as file:
         header = file.read(26)
     return header[24] == 16 and header[25] != 0
 
 
-def _deep_png(path: Path) -> np.ndarray:
+def _read_16_bit_png(path: Path) -> np.ndarray:
     from torchvision.io import ImageReadMode, decode_image
 
     data = torch.frombuffer(bytearray(path.read_bytes()), dtype=torch.uint8)
@@ -187,7 +189,7 @@ def _deep_png(path: Path) -> np.ndarray:
     return values.astype(np.float32) / np.float32(65535)
 
 
-def _shallow(path: Path, image: Image.Image) -> np.ndarray:
+def _convert_to_float(path: Path, image: Image.Image) -> np.ndarray:
     if image.mode.startswith("I"):
         values = np.asarray(image).astype(np.int64)
         if values.min() < 0 or values.max() > 65535:

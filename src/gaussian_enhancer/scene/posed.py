@@ -118,7 +118,7 @@ def build_scene(
     colour = float(red), float(green), float(blue)
     photos = tuple(_photo(files[i], names[i], downscale, colour) for i in order_by_name)
     sides = [files[i].side for i in order_by_name]
-    train, test = (split or Split())(len(photos), _own_split(sides))
+    train, test = (split or Split())(len(photos), _split_of_sides(sides))
     return Scene(name or source.resolve().name, photos, train, test, colour, points)
 
 
@@ -187,7 +187,7 @@ def lens_at_size(lens: Lens, height: int, width: int, path: Path) -> Lens:
     return lens.resized(height, width)
 
 
-def _own_split(sides: Sequence[str | None]) -> tuple[tuple[int, ...], tuple[int, ...]] | None:
+def _split_of_sides(sides: Sequence[str | None]) -> tuple[tuple[int, ...], tuple[int, ...]] | None:
     if all(side is None for side in sides):
         return None
     train, test = (tuple(i for i, side in enumerate(sides) if side == part) for part in ("train", "test"))

@@ -21,7 +21,7 @@ from gaussian_enhancer.scene.cameras import (
     write_scene_cameras,
 )
 from gaussian_enhancer.scene.depth_files import ReadDepth, depth_size, find_depth
-from gaussian_enhancer.scene.high_resolution import UPSCALE, is_finer, own_size
+from gaussian_enhancer.scene.high_resolution import UPSCALE, is_finer, original_size
 from gaussian_enhancer.scene.photos import list_images, read_header
 from gaussian_enhancer.scene.posed import ReadCoverage, ReadPhoto
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
@@ -33,7 +33,7 @@ __all__ = ["read_folder", "read_run", "run_steps", "write_cameras", "write_scene
 Colour = tuple[float, float, float]
 BLACK: Colour = (0.0, 0.0, 0.0)
 WHITE: Colour = (1.0, 1.0, 1.0)
-OWN = ("config.yaml", "done")
+OWN_RUN_FILES = ("config.yaml", "done")
 """Files that every finished run of this project's jobs holds and other programs' output lacks."""
 
 
@@ -84,15 +84,19 @@ def read_run(
     cameras = read_cameras(root / "cameras.json") if (root / "cameras.json").is_file() else ()
     test_stems, train_stems = _stems(test_folder), _stems(train_folder) if (train_folder / "renders").is_dir() else []
     test_cameras, train_cameras = _match(cameras, test_stems, train_stems, root / "cameras.json")
-    targets = _side(_parts(test_folder), test_cameras, background_colour)
-    references = _side(_parts(train_folder), train_cameras, background_colour) if train_stems else _references(capture)
+    targets = _read_split(_find_folders(test_folder), test_cameras, background_colour)
+    references = (
+        _read_split(_find_folders(train_folder), train_cameras, background_colour)
+        if train_stems
+        else _references(capture)
+    )
     if train_stems and not any(entry.split for entry in cameras):
-        references = _told_apart(references)
+        references = _rename_references(references)
     if any(view.read_photo is None for view in references):
         raise InputError(
             train_folder, "holds renders without gt photos", "render it again with its photos, or pass capture="
         )
-    own_depth = all((root / name).is_file() for name in OWN)
+    own_depth = all((root / name).is_file() for name in OWN_RUN_FILES)
     return RenderedSet(name or root.resolve().name, targets, references, background_colour, own_depth)
 
 
@@ -205,7 +209,7 @@ def _refuse_same_stems(paths: list[Path]) -> list[Path]:
     return paths
 
 
-def _parts(side: Path) -> _Folders:
+def _find_folders(side: Path) -> _Folders:
     optional_folders = {part: side / part if (side / part).is_dir() else None for part in ("gt", "depth", "alpha")}
     return _Folders(side / "renders", optional_folders["gt"], optional_folders["depth"], optional_folders["alpha"])
 
@@ -233,7 +237,7 @@ def _match(
     return test_cameras, dict(zip(trains, ordered_cameras[len(tests) :], strict=False))
 
 
-def _side(folders: _Folders, cameras: dict[str, Camera], background: Colour) -> tuple[RenderedView, ...]:
+def _read_split(folders: _Folders, cameras: dict[str, Camera], background: Colour) -> tuple[RenderedView, ...]:
     photos = {p.stem: p for p in list_images(folders.photos)} if folders.photos is not None else {}
     views = []
     for path in list_images(folders.renders):
@@ -285,7 +289,7 @@ def _view(
         photo_size = read_header(photo).height, read_header(photo).width
         if finer and is_finer(photo_size, size):
             fine_reader = ReadPhoto(photo, UPSCALE * size[0], UPSCALE * size[1], background)
-            fine_size = own_size(photo_size, size)
+            fine_size = original_size(photo_size, size)
         else:
             _same_size(render, size, photo, photo_size)
     if depth is not None:
@@ -328,7 +332,7 @@ def _reference(
     )
 
 
-def _told_apart(references: tuple[RenderedView, ...]) -> tuple[RenderedView, ...]:
+def _rename_references(references: tuple[RenderedView, ...]) -> tuple[RenderedView, ...]:
     """Training views renamed to differ from the test views.
 
     3DGS numbers both splits from 0, and a view with the target's name is never chosen as its reference.

@@ -45,17 +45,19 @@ class Split:
         if self.train_every < 1:
             raise InputError("split.train_every", f"is {self.train_every}", "give at least 1")
 
-    def __call__(self, count: int, own: tuple[Indices, Indices] | None = None) -> tuple[Indices, Indices]:
+    def __call__(self, count: int, file_split: tuple[Indices, Indices] | None = None) -> tuple[Indices, Indices]:
         """Training indices and test indices.
 
         Args:
             count: number of photos, which are sorted by name.
-            own: training and test indices stated by the capture's files; None if they state none.
+            file_split: training and test indices stated by the capture's files; None if they state none.
 
         Raises:
             InputError: no training photo remains.
         """
-        train, test = own if own is not None and self.own else every_nth(count, self.test_every, self.test_offset)
+        train, test = (
+            file_split if file_split is not None and self.own else every_nth(count, self.test_every, self.test_offset)
+        )
         train, test = thin_training(train, test, self.train_every, self.unused_as_test)
         if not train:
             raise InputError("split", f"leaves none of {count} photos to fit to", "hold fewer photos out")

@@ -83,7 +83,7 @@ def scene_from_values(values: Mapping[str, Any]) -> Scene:
     try:
         return validated_loader(**arguments)
     except ValidationError as error:
-        raise _refusal("scene", error) from None
+        raise _to_input_error("scene", error) from None
 
 
 def _argument(name: str, value: Any) -> Any:
@@ -102,10 +102,10 @@ def _part(name: str, value: Any) -> Any:
     try:
         return TypeAdapter(kind).validate_python({k: v for k, v in value.items() if k != "_target_"}, strict=False)
     except ValidationError as error:
-        raise _refusal(f"scene.{name}", error) from None
+        raise _to_input_error(f"scene.{name}", error) from None
 
 
-def _refusal(subject: str, error: ValidationError) -> InputError:
+def _to_input_error(subject: str, error: ValidationError) -> InputError:
     """An `InputError` for users made of pydantic's first error."""
     first = error.errors(include_url=False)[0]
     location = ".".join([subject, *(str(part) for part in first["loc"])])

@@ -20,17 +20,17 @@ from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.scene.undistort import load_pycolmap
 
-LONGEST = 1200
+MAX_SIDE = 1200
 """Maximum longer side of an image in pixels; larger images are downscaled first. 1200 takes a third of 1600's time."""
-TOGETHER = 400
+PAIRS_PER_CALL = 400
 """Image pairs matched per call. Each call rebuilds the index of its images' features, and cannot be interrupted."""
 SEED = 0
-FEWEST = 3
+MIN_IMAGES = 3
 """Minimum number of images of a model; smaller models are discarded."""
 LENSES = {True: "SIMPLE_PINHOLE", False: "SIMPLE_RADIAL"}
 """COLMAP's camera model of images without lens distortion (True) and of other images (False)."""
 
-Told = Callable[[str, int, int], None]
+ProgressCallback = Callable[[str, int, int], None]
 """Progress callback: name of the step, number of finished items, total number of items."""
 
 
@@ -53,12 +53,12 @@ class UnposedImage:
     render: bool
 
 
-def reconstruct(images: Sequence[UnposedImage], folder: Path, progress: Told | None = None) -> bool:
+def reconstruct(images: Sequence[UnposedImage], folder: Path, progress: ProgressCallback | None = None) -> bool:
     """Estimate the cameras of images and write them as a COLMAP model; return whether a model was found.
 
     Images of equal size share one set of intrinsics: the focal length and, unless the images are ``ideal``, one
     coefficient of radial distortion. Ideal images share no intrinsics with others. Intrinsics refer to the images as
-    downscaled to `LONGEST`. If mapping yields several models, the largest is kept. Random seeds are fixed.
+    downscaled to `MAX_SIDE`. If mapping yields several models, the largest is kept. Random seeds are fixed.
 
     Args:
         images: renders and photos.
@@ -88,14 +88,14 @@ def reconstruct(images: Sequence[UnposedImage], folder: Path, progress: Told | N
     return model is not None
 
 
-def _extract(pycolmap: ModuleType, images: Sequence[UnposedImage], work: Path, told: Told) -> None:
+def _extract(pycolmap: ModuleType, images: Sequence[UnposedImage], work: Path, told: ProgressCallback) -> None:
     """Write each image and extract its features; images of one size and kind share the camera of the first of them."""
     camera_ids: dict[tuple[tuple[int, ...], bool], int] = {}
     with pycolmap.Database.open(work / "database.db"):
         pass
     for number, image in enumerate(images):
         pixels = image.read()
-        scale = min(1.0, LONGEST / max(pixels.shape[-2:]))
+        scale = min(1.0, MAX_SIDE / max(pixels.shape[-2:]))
         resized = resize(pixels, *(max(1, round(side * scale)) for side in pixels.shape[-2:]))
         write_image(work / image.name, resized)
         group = (tuple(pixels.shape), image.ideal)
@@ -114,7 +114,7 @@ def _extract(pycolmap: ModuleType, images: Sequence[UnposedImage], work: Path, t
         told("features", number + 1, len(images))
 
 
-def _match(pycolmap: ModuleType, images: Sequence[UnposedImage], work: Path, told: Told) -> None:
+def _match(pycolmap: ModuleType, images: Sequence[UnposedImage], work: Path, told: ProgressCallback) -> None:
     """Match each photo with all earlier photos and each render with all photos; verify the pairs' two-view geometry."""
     photos = [image for image in images if not image.render]
     verification_settings = pycolmap.TwoViewGeometryOptions()
@@ -123,8 +123,8 @@ def _match(pycolmap: ModuleType, images: Sequence[UnposedImage], work: Path, tol
     pairing_settings.match_list_path = work / "pairs.txt"
     pairs = [(first, second) for i, first in enumerate(photos) for second in photos[:i]]
     pairs += [(image, photo) for image in images if image.render for photo in photos]
-    for start in range(0, len(pairs), TOGETHER):
-        lines = [f"{first.name} {second.name}\n" for first, second in pairs[start : start + TOGETHER]]
+    for start in range(0, len(pairs), PAIRS_PER_CALL):
+        lines = [f"{first.name} {second.name}\n" for first, second in pairs[start : start + PAIRS_PER_CALL]]
         (work / "pairs.txt").write_text("".join(lines), encoding="utf-8")
         pycolmap.match_image_pairs(
             work / "database.db", pairing_options=pairing_settings, verification_options=verification_settings
@@ -132,10 +132,10 @@ def _match(pycolmap: ModuleType, images: Sequence[UnposedImage], work: Path, tol
         told("matches", start + len(lines), len(pairs))
 
 
-def _map_incrementally(pycolmap: ModuleType, count: int, work: Path, told: Told) -> Any:
+def _map_incrementally(pycolmap: ModuleType, count: int, work: Path, told: ProgressCallback) -> Any:
     """The largest model found by incremental mapping; None if there is none."""
     options = pycolmap.IncrementalPipelineOptions()
-    options.min_model_size, options.num_threads, options.random_seed = FEWEST, 1, SEED
+    options.min_model_size, options.num_threads, options.random_seed = MIN_IMAGES, 1, SEED
     options.mapper.random_seed = options.triangulation.random_seed = SEED
     options.structure_less_registration_fallback = False  # such poses have no points and are unfit for warping photos
     image_counter = itertools.count(1)

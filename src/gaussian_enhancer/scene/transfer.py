@@ -11,13 +11,13 @@ from io import FileIO
 from pathlib import Path
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import unwritable
+from gaussian_enhancer.files import to_write_error
 from gaussian_enhancer.scene.checksum import served_md5
 from gaussian_enhancer.scene.datasets import Archive
 
 BLOCK = 1 << 20
 """Bytes per read."""
-PASSING = (408, 425, 429, 500, 502, 503, 504)
+TEMPORARY_STATUS_CODES = (408, 425, 429, 500, 502, 503, 504)
 """HTTP status codes of temporary errors, after which the request is repeated."""
 Advance = Callable[[int, int | None], None]
 """Progress callback: bytes on disk, total bytes (None where unknown)."""
@@ -31,7 +31,7 @@ class Transfer:
     ) -> None:
         self.archive, self.path, self.part, self.page = archive, path, part, page
         self.timeout, self.advance = timeout, advance
-        self.version = Path(f"{part.name}.etag")
+        self.version_file = Path(f"{part.name}.etag")
         self.md5: str | None = None
         self.size = part.seek(0, os.SEEK_END)
         self.complete = False
@@ -41,10 +41,10 @@ class Transfer:
         try:
             response = urllib.request.urlopen(self._request(), timeout=self.timeout)
         except urllib.error.HTTPError as error:
-            self._refuse_answer(error)
+            self._handle_http_error(error)
             return
         with response:
-            total = self._accept_answer(response)
+            total = self._check_response(response)
             self._check_room(total)
             self.advance(self.size, total)
             while block := response.read(BLOCK):
@@ -57,17 +57,17 @@ class Transfer:
         """Delete the partial file and its stored version."""
         self._restart()
         Path(str(self.part.name)).unlink(missing_ok=True)
-        self.version.unlink(missing_ok=True)
+        self.version_file.unlink(missing_ok=True)
 
     def _request(self) -> urllib.request.Request:
         headers = {"User-Agent": "gaussian-enhancer", "Accept-Encoding": "identity"}
         if self.size:
             headers["Range"] = f"bytes={self.size}-"
-            if self.version.is_file():
-                headers["If-Range"] = self.version.read_text(encoding="utf-8")
+            if self.version_file.is_file():
+                headers["If-Range"] = self.version_file.read_text(encoding="utf-8")
         return urllib.request.Request(self.archive.url, headers=headers)
 
-    def _refuse_answer(self, error: urllib.error.HTTPError) -> None:
+    def _handle_http_error(self, error: urllib.error.HTTPError) -> None:
         """Handle an HTTP error: a range past the end of the file, a temporary error, or a permanent error.
 
         Raises:
@@ -80,17 +80,17 @@ class Transfer:
             if not self.complete:
                 self._restart()
             return
-        if error.code in PASSING:
+        if error.code in TEMPORARY_STATUS_CODES:
             raise error
-        self._wrong_answer(f"answers {error.code} {error.reason}")
+        self._refuse_response(f"answers {error.code} {error.reason}")
 
-    def _accept_answer(self, response: http.client.HTTPResponse) -> int | None:
+    def _check_response(self, response: http.client.HTTPResponse) -> int | None:
         """Total size stated by the response (None if unknown), after checking that it continues the partial file.
 
         A response that holds the whole file truncates the partial file.
         """
         if response.headers.get_content_type() == "text/html":
-            self._wrong_answer("answers with a web page in place of the archive")
+            self._refuse_response("answers with a web page in place of the archive")
         match = re.fullmatch(r"bytes (\d+)-\d+/(\d+|\*)", response.headers.get("Content-Range", ""))
         if response.status == 206 and match and int(match[1]) == self.size:
             total = None if match[2] == "*" else int(match[2])
@@ -102,11 +102,11 @@ class Transfer:
             length = response.headers.get("Content-Length")
             total = int(length) if length else None
         if self.archive.bytes is not None and total not in (None, self.archive.bytes):
-            self._wrong_answer(f"has {total} bytes where {self.archive.bytes} are recorded")
+            self._refuse_response(f"has {total} bytes where {self.archive.bytes} are recorded")
         self.md5 = served_md5(response.headers) or self.md5
         etag = response.headers.get("ETag", "")
         if etag and not etag.startswith("W/"):
-            self.version.write_text(etag, encoding="utf-8")
+            self.version_file.write_text(etag, encoding="utf-8")
         return total
 
     def _check_room(self, total: int | None) -> None:
@@ -120,14 +120,14 @@ class Transfer:
                 self.size += written
                 remaining = remaining[written:]
         except OSError as error:
-            raise unwritable(self.path, error) from error
+            raise to_write_error(self.path, error) from error
 
     def _restart(self) -> None:
         self.part.seek(0)
         self.part.truncate()
         self.size = 0
 
-    def _wrong_answer(self, received: str) -> None:
+    def _refuse_response(self, received: str) -> None:
         remedy = f"see {self.page or 'its authors'} for where it is now, and give that address, size and checksum as "
         alternative = f"dataset.archives.KEY.url (bytes, sha256), or put the file at {self.path} by hand"
         raise InputError(self.archive.url, received, remedy + alternative)

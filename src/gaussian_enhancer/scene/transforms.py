@@ -18,13 +18,13 @@ from torch import Tensor
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.input_files import abbreviate, reader
 from gaussian_enhancer.ply_file import read_ply_elements
-from gaussian_enhancer.scene.json_file import member, number, pixels, read_json, text
+from gaussian_enhancer.scene.json_file import get_member, get_number, get_pixels, get_string, read_json
 from gaussian_enhancer.scene.photos import ENDINGS, read_header
 from gaussian_enhancer.scene.posed import PosedFile, build_scene, refuse_or_drop
 from gaussian_enhancer.scene.scene import Points, Scene
 from gaussian_enhancer.scene.splits import Split
 from gaussian_enhancer.scene.undistort import Lens
-from gaussian_enhancer.types import FARTHEST
+from gaussian_enhancer.types import MAX_POSE_VALUE
 
 Side = Literal["train", "test", "neither"]
 SYNTHETIC_SIDES: dict[str, Side] = {"train": "train", "test": "test", "val": "neither"}
@@ -125,15 +125,15 @@ def opencv_world_to_camera(camera_to_world: Float[Tensor, "4 4"]) -> Float[Tenso
 
 
 def _frames(content: Any, source: Path, side: Side | None = None) -> tuple[list[PosedFile], list[str]]:
-    frames = member(content, "frames", source)
+    frames = get_member(content, "frames", source)
     if not isinstance(frames, list) or not frames:
         raise InputError(source, "lists no frames", "write the file again with at least two")
     files: list[PosedFile] = []
     missing_photos: list[str] = []
     for index, frame in enumerate(frames):
         context = f"{source} frame {index}"
-        file_path = text(frame, "file_path", context)
-        photo = _on_disk(source.parent, file_path)
+        file_path = get_string(frame, "file_path", context)
+        photo = _find_photo(source.parent, file_path)
         if photo is None:
             missing_photos.append(file_path)
             continue
@@ -146,7 +146,7 @@ def _frames(content: Any, source: Path, side: Side | None = None) -> tuple[list[
     return files, missing_photos
 
 
-def _on_disk(folder: Path, listed: str) -> Path | None:
+def _find_photo(folder: Path, listed: str) -> Path | None:
     """Path of a frame's photo, None if there is none; any known ending is tried, as NeRF-Synthetic omits it."""
     path = folder / listed.replace("\\", "/")
     if path.is_file():
@@ -167,7 +167,7 @@ def read_pose(record: Any, key: str, where: str) -> Float[Tensor, "4 4"]:
         InputError: the matrix is missing, malformed, singular or not finite, or a value exceeds `FARTHEST`.
     """
     try:
-        matrix = np.array(member(record, key, where), dtype=np.float64)
+        matrix = np.array(get_member(record, key, where), dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(where, f"has a malformed {key} ({error})", "give 4 rows of 4 numbers") from error
     if matrix.shape == (16,):
@@ -176,9 +176,9 @@ def read_pose(record: Any, key: str, where: str) -> Float[Tensor, "4 4"]:
         raise InputError(where, f"has a {key} of shape {matrix.shape}", "give 4 rows of 4 numbers")
     if not np.isfinite(matrix).all():
         raise InputError(where, "has a pose with NaN or infinity", "remove the frame or calibrate again")
-    if np.abs(matrix).max() > FARTHEST:
+    if np.abs(matrix).max() > MAX_POSE_VALUE:
         received = f"has a pose with the value {np.abs(matrix).max():g}"
-        raise InputError(where, received, f"bring the scene near the origin: at most {FARTHEST:g} units away")
+        raise InputError(where, received, f"bring the scene near the origin: at most {MAX_POSE_VALUE:g} units away")
     pose = torch.eye(4, dtype=torch.float64)
     pose[:3] = torch.from_numpy(matrix[:3])
     if abs(float(torch.linalg.det(pose))) < 1e-6:
@@ -200,15 +200,15 @@ def read_lens(values: dict[str, Any], height: int, width: int, source: Path) -> 
     Raises:
         InputError: a value is missing or not a number, or the lens model is not supported.
     """
-    width, height = pixels(values, "w", source, width), pixels(values, "h", source, height)
+    width, height = get_pixels(values, "w", source, width), get_pixels(values, "h", source, height)
     if "fl_x" in values:
-        fx = number(values, "fl_x", source)
+        fx = get_number(values, "fl_x", source)
     else:
-        fx = _focal(number(values, "camera_angle_x", source), width, source)
-    fy = _focal(number(values, "camera_angle_y", source), height, source) if _by_angle(values) else fx
-    fy = number(values, "fl_y", source, fy)
-    centre = number(values, "cx", source, width / 2), number(values, "cy", source, height / 2)
-    k1, k2, k3, k4, p1, p2 = (number(values, key, source, 0.0) for key in ("k1", "k2", "k3", "k4", "p1", "p2"))
+        fx = _focal(get_number(values, "camera_angle_x", source), width, source)
+    fy = _focal(get_number(values, "camera_angle_y", source), height, source) if _by_angle(values) else fx
+    fy = get_number(values, "fl_y", source, fy)
+    centre = get_number(values, "cx", source, width / 2), get_number(values, "cy", source, height / 2)
+    k1, k2, k3, k4, p1, p2 = (get_number(values, key, source, 0.0) for key in ("k1", "k2", "k3", "k4", "p1", "p2"))
     model = values.get("camera_model", "OPENCV")
     focal_and_centre = (fx, fy, *centre)
     if model == "OPENCV_FISHEYE" or values.get("is_fisheye"):

@@ -10,7 +10,7 @@ from gaussian_enhancer.scene.extract import Parts
 
 
 @dataclass(frozen=True)
-class Wanted:
+class RequestedScene:
     """A requested scene.
 
     Args:
@@ -24,14 +24,14 @@ class Wanted:
     folder: Path
 
     @property
-    def absent(self) -> tuple[str, ...]:
+    def missing_parts(self) -> tuple[str, ...]:
         """Names of the parts that are not on disk."""
         return tuple(name for name in self.parts.names if not (self.folder / name).exists())
 
 
-def wanted_scenes(
+def requested_scenes(
     dataset: Dataset, folder: Path, scenes: tuple[str, ...] | None, images: tuple[str, ...] | None
-) -> Mapping[str, Wanted]:
+) -> Mapping[str, RequestedScene]:
     """Requested scenes by name.
 
     Args:
@@ -44,17 +44,19 @@ def wanted_scenes(
         InputError: there is no such scene.
     """
     requested = {}
-    for name, scene in dataset.chosen(scenes).items():
+    for name, scene in dataset.select_scenes(scenes).items():
         names = (*dataset.model, *(images or scene.images))
-        requested[name] = Wanted(scene, Parts(scene.inside, names, dataset.leave_out), folder / dataset.name / name)
+        requested[name] = RequestedScene(
+            scene, Parts(scene.inside, names, dataset.leave_out), folder / dataset.name / name
+        )
     return requested
 
 
-def listing(dataset: Dataset, folder: Path, wanted: Mapping[str, Wanted]) -> Iterator[str]:
+def listing(dataset: Dataset, folder: Path, wanted: Mapping[str, RequestedScene]) -> Iterator[str]:
     """Report, line by line, which archives and parts are on disk and which are to be fetched or unpacked."""
     yield f"{dataset.title}, {dataset.page}"
     yield f"  licence: {dataset.licence}"
-    yield f"  folder: {folder}, {shutil.disk_usage(_existing(folder)).free / 1e9:.1f} GB free"
+    yield f"  folder: {folder}, {shutil.disk_usage(_nearest_existing(folder)).free / 1e9:.1f} GB free"
     needed = needed_archives(dataset, wanted)
     for archive in sorted({dataset.archives[entry.scene.archive] for entry in wanted.values()}, key=lambda a: a.file):
         path = folder / "archives" / archive.file
@@ -68,20 +70,20 @@ def listing(dataset: Dataset, folder: Path, wanted: Mapping[str, Wanted]) -> Ite
             state = f"to fetch ({_size(archive.bytes)}{partial}) from {archive.url}"
         yield f"  archive {archive.file}: {state}; {checksum_note(archive)}"
     for name, entry in wanted.items():
-        absent = ", ".join(entry.absent)
-        present = ", ".join(part for part in entry.parts.names if part not in entry.absent)
+        absent = ", ".join(entry.missing_parts)
+        present = ", ".join(part for part in entry.parts.names if part not in entry.missing_parts)
         states = [f"{label} {parts}" for label, parts in (("there:", present), ("to unpack:", absent)) if parts]
         yield f"  scene {name}: {'; '.join(states)}"
 
 
-def needed_archives(dataset: Dataset, wanted: Mapping[str, Wanted]) -> list[Archive]:
+def needed_archives(dataset: Dataset, wanted: Mapping[str, RequestedScene]) -> list[Archive]:
     """The archives of those scenes that lack parts on disk, without repetition.
 
     Args:
         dataset: the dataset.
         wanted: requested scenes by name.
     """
-    archives = {dataset.archives[entry.scene.archive]: None for entry in wanted.values() if entry.absent}
+    archives = {dataset.archives[entry.scene.archive]: None for entry in wanted.values() if entry.missing_parts}
     return list(archives)
 
 
@@ -99,6 +101,6 @@ def _size(count: int | None) -> str:
     return "size unknown" if count is None else f"{count / 1e9:.2f} GB" if count > 1e7 else f"{count} bytes"
 
 
-def _existing(folder: Path) -> Path:
+def _nearest_existing(folder: Path) -> Path:
     """The folder itself if it exists, otherwise its nearest existing parent."""
     return next(parent for parent in (folder.resolve(), *folder.resolve().parents) if parent.is_dir())

@@ -23,7 +23,7 @@ ALPHA_MAX = 0.99
 TRANSMITTANCE_MIN = 1e-4 * (1 - 1e-4)
 """A pixel stops before the Gaussian that would bring its transmittance below this: 1e-4 with a margin for rounding. Two
 Gaussians at the upper limit of alpha leave (1 - 0.99)^2 = 1e-4 exactly, which must not stop a pixel only in float32."""
-COVERED = 1e-3
+MIN_DEPTH_ALPHA = 1e-3
 """A pixel with less accumulated alpha than this has no depth: its depth is 0."""
 TILE = 16
 """Side of a tile in pixels: the number of float32 values in an AVX-512 register."""

@@ -25,7 +25,7 @@ from gaussian_enhancer.splat.compiled import ALPHA_MIN, inner, kernel, kernel_lo
 from gaussian_enhancer.types import Camera
 
 _LARGEST = 1e100  # of |x| + |y| + det; beyond it a Gaussian counts as not finite
-_WHITE = math.sqrt(0.5 * math.log2(math.e))  # exp(-q/2) = 2^-(WHITE^2 q)
+_WHITENING_SCALE = math.sqrt(0.5 * math.log2(math.e))  # exp(-q/2) = 2^-(WHITE^2 q)
 
 
 class View(NamedTuple):
@@ -167,7 +167,7 @@ def cross(a, b):  # type: ignore[no-untyped-def]
 
 
 @inner
-def mix(p, a, q, b):  # type: ignore[no-untyped-def]
+def linear_combination(p, a, q, b):  # type: ignore[no-untyped-def]
     """The triple p a + q b."""
     return p * a[0] + q * b[0], p * a[1] + q * b[1], p * a[2] + q * b[2]
 
@@ -192,17 +192,17 @@ def ellipse_of(shape, g, view, dilation, mip):  # type: ignore[no-untyped-def]
     u, v, _, _ = tangents
     W = view.rotation
     row = W[2, 0], W[2, 1], W[2, 2]
-    t1 = mix(view.fx / z, (W[0, 0], W[0, 1], W[0, 2]), -view.fx * u / z, row)
-    t2 = mix(view.fy / z, (W[1, 0], W[1, 1], W[1, 2]), -view.fy * v / z, row)
+    t1 = linear_combination(view.fx / z, (W[0, 0], W[0, 1], W[0, 2]), -view.fx * u / z, row)
+    t2 = linear_combination(view.fy / z, (W[1, 0], W[1, 1], W[1, 2]), -view.fy * v / z, row)
     q = shape.quaternions
     qw, qx, qy, qz = np.float64(q[g, 0]), np.float64(q[g, 1]), np.float64(q[g, 2]), np.float64(q[g, 3])
     length = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
     unit = qw / length, qx / length, qy / length, qz / length
     R = rotation_of(unit[0], unit[1], unit[2], unit[3])
     s, wide, factor = _scales(shape, g, mip)
-    p1 = mix(t1[0], R[0], t1[1], R[1])
-    p2 = mix(t2[0], R[0], t2[1], R[1])
-    p1, p2 = mix(1.0, p1, t1[2], R[2]), mix(1.0, p2, t2[2], R[2])
+    p1 = linear_combination(t1[0], R[0], t1[1], R[1])
+    p2 = linear_combination(t2[0], R[0], t2[1], R[1])
+    p1, p2 = linear_combination(1.0, p1, t1[2], R[2]), linear_combination(1.0, p2, t2[2], R[2])
     m1 = p1[0] * wide[0], p1[1] * wide[1], p1[2] * wide[2]
     m2 = p2[0] * wide[0], p2[1] * wide[1], p2[2] * wide[2]
     normal = cross(m1, m2)
@@ -249,7 +249,7 @@ def _project(shape, view, dilation, mip):  # type: ignore[no-untyped-def]
                 footprints[g, 4] = xy / xx
                 footprints[g, 5] = r * math.sqrt(det / xx)
                 a, b, c, d = whitening_of(xx, yy, xy, det)
-                whitening[g, 0], whitening[g, 1] = _WHITE * a, _WHITE * b
-                whitening[g, 2], whitening[g, 3] = _WHITE * c, _WHITE * d
+                whitening[g, 0], whitening[g, 1] = _WHITENING_SCALE * a, _WHITENING_SCALE * b
+                whitening[g, 2], whitening[g, 3] = _WHITENING_SCALE * c, _WHITENING_SCALE * d
                 whitening[g, 4] = math.log2(opacity)
     return footprints, whitening, depths

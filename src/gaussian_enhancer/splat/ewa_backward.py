@@ -20,7 +20,16 @@ from jaxtyping import Bool, Float32, Float64
 from numba import prange
 
 from gaussian_enhancer.splat.compiled import inner, kernel, kernel_lock
-from gaussian_enhancer.splat.ewa import Shape, ShapeGradient, View, cross, dot, ellipse_of, mix, whitening_of
+from gaussian_enhancer.splat.ewa import (
+    Shape,
+    ShapeGradient,
+    View,
+    cross,
+    dot,
+    ellipse_of,
+    linear_combination,
+    whitening_of,
+)
 
 _NATURAL = 2.0 * math.log(2.0)  # the rasteriser's u^2 + v^2 is an exponent of base 2
 
@@ -63,7 +72,9 @@ def _filter_rows(weight, m1, m2, normal, covariance, dilation):  # type: ignore[
     xx, yy, _, raw, det = covariance
     common = weight * dilation * (xx + yy - dilation) / (raw * det)
     direct = -weight * dilation / det
-    return mix(common, cross(m2, normal), direct, m1), mix(common, cross(normal, m1), direct, m2)
+    return linear_combination(common, cross(m2, normal), direct, m1), linear_combination(
+        common, cross(normal, m1), direct, m2
+    )
 
 
 @inner
@@ -129,12 +140,12 @@ def _project_backward(shape, view, dilation, mip, wanted, image):  # type: ignor
             h = np.float64(image[g, 4])
             logits[g] = h / (1.0 + math.exp(np.float64(shape.opacity_logits[g])))
             uu, uv, vv = _NATURAL * image[g, 7], _NATURAL * image[g, 8], _NATURAL * image[g, 9]
-            y1, y2 = mix(a, p1, b, p2), mix(c, p1, d, p2)
-            z1, z2 = mix(uu, y1, uv, y2), mix(uv, y1, vv, y2)
+            y1, y2 = linear_combination(a, p1, b, p2), linear_combination(c, p1, d, p2)
+            z1, z2 = linear_combination(uu, y1, uv, y2), linear_combination(uv, y1, vv, y2)
             f1 = f2 = (0.0, 0.0, 0.0)
             if mip:
                 f1, f2 = _filter_rows(h, m1, m2, normal, covariance, dilation)
-            r1, r2 = mix(a, z1, c, z2), mix(b, z1, d, z2)
+            r1, r2 = linear_combination(a, z1, c, z2), linear_combination(b, z1, d, z2)
             n1 = (
                 wide[0] * (wide[0] * r1[0] + f1[0]), wide[1] * (wide[1] * r1[1] + f1[1]),
                 wide[2] * (wide[2] * r1[2] + f1[2]),

@@ -20,7 +20,7 @@ from gaussian_enhancer.splat.methods import Method, MipSplatting, TwoDGS
 from gaussian_enhancer.splat.screen import ScreenStatistics
 from gaussian_enhancer.types import Camera, Gaussians, Render
 
-_COVERED = 1e-3
+_MIN_DEPTH_ALPHA = 1e-3
 
 
 def render_gsplat(
@@ -55,7 +55,7 @@ def render_gsplat(
         # gsplat returns normals in world axes, and a median depth even where alpha is below one half.
         median = torch.where(alphas[0] >= 0.5, medians[0], 0.0).detach()
         unit = torch.nn.functional.normalize(world_normals[0] @ camera.rotation.to(planes).T, dim=-1)
-        normals = torch.where(alphas[0] >= _COVERED, unit, 0.0)
+        normals = torch.where(alphas[0] >= _MIN_DEPTH_ALPHA, unit, 0.0)
     else:
         mode = "antialiased" if isinstance(method, MipSplatting) else "classic"
         arguments |= {"eps2d": method.dilation, "rasterize_mode": mode}
@@ -63,7 +63,7 @@ def render_gsplat(
     if screen is not None:
         _fill(screen, meta, planes, isinstance(method, TwoDGS))
     colour = planes[0, ..., :3] + (1 - alphas[0]) * planes.new_tensor(background)
-    depth = torch.where(alphas[0] >= _COVERED, planes[0, ..., 3:], 0.0)
+    depth = torch.where(alphas[0] >= _MIN_DEPTH_ALPHA, planes[0, ..., 3:], 0.0)
     images = (colour, depth, alphas[0], median, normals)
     return Render(*(None if image is None else image.permute(2, 0, 1) for image in images))  # type: ignore[arg-type]
 

@@ -42,7 +42,7 @@ def _constant(value: float | int, kind: ir.VectorType = _FLOATS) -> ir.Constant:
     return ir.Constant(kind, [value] * COUNT)
 
 
-def _spread(builder: Any, value: Any) -> Any:
+def _broadcast(builder: Any, value: Any) -> Any:
     """Broadcast a scalar to all lanes; a vector is returned unchanged."""
     if value.type == _FLOATS:
         return value
@@ -68,7 +68,7 @@ def _operator(symbol: Callable[..., Any], instruction: str) -> None:
     @intrinsic  # type: ignore[untyped-decorator]
     def apply(typing: Any, a: Any, b: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-            left, right = (_spread(builder, value) for value in given)
+            left, right = (_broadcast(builder, value) for value in given)
             return getattr(builder, instruction)(left, right, flags=_FLAGS)
 
         return lanes(a, b), generate
@@ -85,13 +85,13 @@ for _symbol, _instruction in ((add, "fadd"), (sub, "fsub"), (mul, "fmul"), (true
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def spread(typing: Any, value: Any) -> Any:
+def broadcast(typing: Any, value: Any) -> Any:
     """The same float32 in every lane."""
-    return lanes(types.float32), lambda context, builder, signature, given: _spread(builder, given[0])
+    return lanes(types.float32), lambda context, builder, signature, given: _broadcast(builder, given[0])
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def count_up(typing: Any) -> Any:
+def lane_indices(typing: Any) -> Any:
     """0, 1, 2, ... 15."""
     numbers = ir.Constant(_FLOATS, [float(k) for k in range(COUNT)])
     return lanes(), lambda context, builder, signature, given: numbers
@@ -137,20 +137,20 @@ def store(typing: Any, array: Any, at: Any, value: Any) -> Any:
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def choose_less(typing: Any, a: Any, b: Any, yes: Any, no: Any) -> Any:
+def select_less(typing: Any, a: Any, b: Any, yes: Any, no: Any) -> Any:
     """``yes if a < b else no`` lane by lane; NaN is not less. Each argument may be a vector or a float32."""
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        left, right, first, second = (_spread(builder, value) for value in given)
+        left, right, first, second = (_broadcast(builder, value) for value in given)
         return builder.select(builder.fcmp_ordered("<", left, right), first, second)
 
     return lanes(a, b, yes, no), generate
 
 
 @inner
-def least(a, b):  # type: ignore[no-untyped-def]
+def minimum(a, b):  # type: ignore[no-untyped-def]
     """The smaller of a vector and a float32, lane by lane."""
-    return choose_less(a, b, a, b)
+    return select_less(a, b, a, b)
 
 
 @intrinsic  # type: ignore[untyped-decorator]

@@ -6,18 +6,18 @@ transmittance T, which is negative for pixels that have stopped and for pixels o
 
 import numpy as np
 
-from gaussian_enhancer.splat.compiled import ALPHA_MAX, ALPHA_MIN, COVERED, TILE, TRANSMITTANCE_MIN, inner
+from gaussian_enhancer.splat.compiled import ALPHA_MAX, ALPHA_MIN, MIN_DEPTH_ALPHA, TILE, TRANSMITTANCE_MIN, inner
 
 PIXELS = TILE * TILE
-EVERY = 8
+CHECK_INTERVAL = 8
 """Number of entries of a tile's list between two checks whether all its pixels have stopped."""
-AHEAD = 8
+PREFETCH_DISTANCE = 8
 """Number of entries by which a Gaussian is prefetched before it is blended."""
 ZERO, HALF, ONE, TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
 LARGEST_ALPHA = np.float32(ALPHA_MAX)
 LOG2_SMALLEST_ALPHA = np.float32(np.log2(ALPHA_MIN))
 SMALLEST_T = np.float32(TRANSMITTANCE_MIN)
-LEAST_OPACITY = np.float32(COVERED)
+LEAST_OPACITY = np.float32(MIN_DEPTH_ALPHA)
 # Unsigned offsets of the planes: with signed ones, Numba's handling of negative indices would hinder vectorisation.
 P1, P2, P3, P4 = np.uint64(PIXELS), np.uint64(2 * PIXELS), np.uint64(3 * PIXELS), np.uint64(4 * PIXELS)
 P5, P6, P7, P8 = np.uint64(5 * PIXELS), np.uint64(6 * PIXELS), np.uint64(7 * PIXELS), np.uint64(8 * PIXELS)
@@ -41,7 +41,7 @@ def coordinates(planes, at):  # type: ignore[no-untyped-def]
 
 
 @inner
-def begin(planes, sums, left, top, width, height):  # type: ignore[no-untyped-def]
+def reset_tile(planes, sums, left, top, width, height):  # type: ignore[no-untyped-def]
     """Reset a tile: all sums are 0, T is 1 inside the image and -1 outside."""
     planes[: sums * PIXELS] = ZERO
     for p in range(PIXELS):

@@ -23,35 +23,35 @@ from numba import get_num_threads, prange
 
 from gaussian_enhancer.splat.compiled import TILE, inner, kernel, kernel_lock
 from gaussian_enhancer.splat.lanes import (
-    choose_less,
-    count_up,
+    broadcast,
     exp2_of,
-    least,
+    lane_indices,
     load,
     magnitude,
+    minimum,
     prefetch,
-    spread,
+    select_less,
     store,
     store_sums,
 )
 from gaussian_enhancer.splat.planes import (
-    AHEAD,
-    EVERY,
+    CHECK_INTERVAL,
     HALF,
     LARGEST_ALPHA,
     LEAST_OPACITY,
     LOG2_SMALLEST_ALPHA,
     ONE,
     PIXELS,
+    PREFETCH_DISTANCE,
     SMALLEST_T,
     ZERO,
-    begin,
     is_opaque,
+    reset_tile,
     scratch,
 )
 from gaussian_enhancer.splat.tiles import TileLists
 
-GATHERED = 16
+GRADIENT_COLUMNS = 16
 """Columns of `blend_backward`: colour (3), depth, h, h u, h v, h uu, h uv, h vv, six unused;
 h = dL/dalpha alpha."""
 
@@ -112,7 +112,7 @@ def blend_backward(
 
 
 @kernel
-def _packed(splats, first):  # type: ignore[no-untyped-def]
+def _pack_splats(splats, first):  # type: ignore[no-untyped-def]
     """Pack what tiles read of each visible Gaussian into one cache line.
 
     That is its centre and whitening in float64, its peak and colour in float32.
@@ -158,18 +158,18 @@ def _blend_entry(planes, rows, u, v, slopes, single, z):  # type: ignore[no-unty
     for row in range(rows[0], rows[1]):
         p = row * TILE
         t = peak - u * u - v * v
-        alpha = choose_less(t, LOG2_SMALLEST_ALPHA, ZERO, least(exp2_of(t), LARGEST_ALPHA))
+        alpha = select_less(t, LOG2_SMALLEST_ALPHA, ZERO, minimum(exp2_of(t), LARGEST_ALPHA))
         T = load(planes, p)
         weight = alpha * T
         rest = T - weight
-        weight = choose_less(rest, SMALLEST_T, ZERO, weight)
-        store(planes, p, choose_less(rest, SMALLEST_T, ZERO - magnitude(T), rest))
+        weight = select_less(rest, SMALLEST_T, ZERO, weight)
+        store(planes, p, select_less(rest, SMALLEST_T, ZERO - magnitude(T), rest))
         store(planes, p + 1 * PIXELS, load(planes, p + 1 * PIXELS) + weight * red)
         store(planes, p + 2 * PIXELS, load(planes, p + 2 * PIXELS) + weight * green)
         store(planes, p + 3 * PIXELS, load(planes, p + 3 * PIXELS) + weight * blue)
         store(planes, p + 4 * PIXELS, load(planes, p + 4 * PIXELS) + weight * z)
         median = load(planes, p + 5 * PIXELS)
-        reached = choose_less(HALF, T, choose_less(ZERO, weight, spread(z), median), median)
+        reached = select_less(HALF, T, select_less(ZERO, weight, broadcast(z), median), median)
         store(planes, p + 5 * PIXELS, reached)  # depths only grow: the last Gaussian that meets T > 1/2 remains
         u, v = u + b, v + d
 
@@ -198,20 +198,20 @@ def _blend(splats, lists, background, height, width, lanes):  # type: ignore[no-
     alpha = np.empty((1, height, width), np.float32)
     median = np.empty((1, height, width), np.float32)
     used = np.zeros(down * across, np.int32)
-    records, singles = _packed(splats, lists.first)
+    records, singles = _pack_splats(splats, lists.first)
     last = len(lists.gaussians) - 1
     for lane in prange(lanes):
-        planes, columns = scratch(6), count_up()
+        planes, columns = scratch(6), lane_indices()
         for tile in range(lane, down * across, lanes):
             left, top = tile % across * TILE, tile // across * TILE
-            begin(planes, 6, left, top, width, height)
+            reset_tile(planes, 6, left, top, width, height)
             count = lists.starts[tile + 1] - lists.starts[tile]
             for k in range(count):
-                if k % EVERY == 0 and is_opaque(planes):
+                if k % CHECK_INTERVAL == 0 and is_opaque(planes):
                     count = k
                     break
                 e = lists.starts[tile] + k
-                prefetch(records, lists.gaussians[min(e + AHEAD, last)])
+                prefetch(records, lists.gaussians[min(e + PREFETCH_DISTANCE, last)])
                 g = lists.gaussians[e]
                 u, v, slopes = _local(records[g], left, top, columns)
                 _blend_entry(planes, lists.rows[e], u, v, slopes, singles[g], splats.depths[g])
@@ -221,32 +221,32 @@ def _blend(splats, lists, background, height, width, lanes):  # type: ignore[no-
 
 
 @inner
-def _unblend_entry(planes, rows, u, v, slopes, single, z, gathered, slot):  # type: ignore[no-untyped-def]
+def _entry_gradients(planes, rows, u, v, slopes, single, z, gathered, slot):  # type: ignore[no-untyped-def]
     """Gradients of one Gaussian, summed over the rows that it touches.
 
     Planes: T, the sum over what lies behind (the bracket above), gradients (r, g, b, depth, alpha).
     """
     _, b, _, d = slopes
     peak, red, green, blue = single[12], single[13], single[14], single[15]
-    s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = s9 = spread(ZERO)
+    s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = s9 = broadcast(ZERO)
     u, v = u + b * np.float32(rows[0]), v + d * np.float32(rows[0])
     for row in range(rows[0], rows[1]):
         p = row * TILE
         t = peak - u * u - v * v
-        raw = choose_less(t, LOG2_SMALLEST_ALPHA, ZERO, exp2_of(t))
-        alpha = least(raw, LARGEST_ALPHA)
+        raw = select_less(t, LOG2_SMALLEST_ALPHA, ZERO, exp2_of(t))
+        alpha = minimum(raw, LARGEST_ALPHA)
         T = load(planes, p)
         weight = alpha * T
         rest = T - weight
-        weight = choose_less(rest, SMALLEST_T, ZERO, weight)
-        store(planes, p, choose_less(rest, SMALLEST_T, ZERO - magnitude(T), rest))
+        weight = select_less(rest, SMALLEST_T, ZERO, weight)
+        store(planes, p, select_less(rest, SMALLEST_T, ZERO - magnitude(T), rest))
         by_red, by_green = load(planes, p + 2 * PIXELS), load(planes, p + 3 * PIXELS)
         by_blue, by_depth = load(planes, p + 4 * PIXELS), load(planes, p + 5 * PIXELS)
         value = by_red * red + by_green * green + by_blue * blue + by_depth * z + load(planes, p + 6 * PIXELS)
         behind = load(planes, p + PIXELS) - weight * value
         store(planes, p + PIXELS, behind)
         slope = raw * (T * value - behind / (ONE - alpha))
-        h = choose_less(rest, SMALLEST_T, ZERO, choose_less(LARGEST_ALPHA, raw, ZERO, slope))
+        h = select_less(rest, SMALLEST_T, ZERO, select_less(LARGEST_ALPHA, raw, ZERO, slope))
         hu, hv = h * u, h * v
         s0, s1, s2 = s0 + weight * by_red, s1 + weight * by_green, s2 + weight * by_blue
         s3, s4, s5, s6 = s3 + weight * by_depth, s4 + h, s5 + hu, s6 + hv
@@ -281,22 +281,22 @@ def _read(planes, left, top, image, colour, depth, alpha):  # type: ignore[no-un
 def _blend_backward(splats, lists, image, colour, depth, alpha, lanes):  # type: ignore[no-untyped-def]
     height, width = depth.shape[1], depth.shape[2]
     down, across = -(-height // TILE), -(-width // TILE)
-    gathered = np.empty((len(lists.gaussians), GATHERED), np.float32)
-    records, singles = _packed(splats, lists.first)
+    gathered = np.empty((len(lists.gaussians), GRADIENT_COLUMNS), np.float32)
+    records, singles = _pack_splats(splats, lists.first)
     last = len(lists.gaussians) - 1
     for lane in prange(lanes):
-        planes, columns = scratch(7), count_up()
+        planes, columns = scratch(7), lane_indices()
         for tile in range(lane, down * across, lanes):
             left, top = tile % across * TILE, tile // across * TILE
             _read(planes, left, top, image, colour, depth, alpha)
             start, end = lists.starts[tile], lists.starts[tile + 1]
             for e in range(start, start + image.used[tile]):
-                prefetch(records, lists.gaussians[min(e + AHEAD, last)])
-                prefetch(gathered, lists.slots[min(e + AHEAD, last)])
+                prefetch(records, lists.gaussians[min(e + PREFETCH_DISTANCE, last)])
+                prefetch(gathered, lists.slots[min(e + PREFETCH_DISTANCE, last)])
                 g = lists.gaussians[e]
                 u, v, slopes = _local(records[g], left, top, columns)
                 z = splats.depths[g]
-                _unblend_entry(planes, lists.rows[e], u, v, slopes, singles[g], z, gathered, lists.slots[e])
+                _entry_gradients(planes, lists.rows[e], u, v, slopes, singles[g], z, gathered, lists.slots[e])
             for e in range(start + image.used[tile], end):
                 gathered[lists.slots[e]] = ZERO
     return gathered

@@ -22,7 +22,7 @@ from numba import get_num_threads, prange
 
 from gaussian_enhancer.splat.compiled import TILE, exp2_nonpositive, inner, kernel, kernel_lock
 from gaussian_enhancer.splat.planes import (
-    EVERY,
+    CHECK_INTERVAL,
     HALF,
     LARGEST_ALPHA,
     LEAST_OPACITY,
@@ -43,13 +43,13 @@ from gaussian_enhancer.splat.planes import (
     SMALLEST_T,
     TWO,
     ZERO,
-    begin,
     coordinates,
     is_opaque,
+    reset_tile,
 )
 from gaussian_enhancer.splat.tiles import TileLists
 
-GATHERED = 20
+GRADIENT_COLUMNS = 20
 """Columns of `blend_disks_backward`: colour (3), centre x and y, C (4), D_0, D_x, D_y, z_0 D_0 (hits), z_0 (low-pass),
 log opacity, normal (3), and the sums of the absolute values of the pixels' terms of the centre's x and y. The last two
 are not read. Without them the compiler sums the centre's x and y in another order, and gradients differ in the last
@@ -207,10 +207,10 @@ def _blend(splats, lists, background, height, width, lanes):  # type: ignore[no-
         coordinates(planes, 9)
         for tile in range(lane, down * across, lanes):
             left, top = tile % across * TILE, tile // across * TILE
-            begin(planes, 9, left, top, width, height)
+            reset_tile(planes, 9, left, top, width, height)
             count = lists.starts[tile + 1] - lists.starts[tile]
             for k in range(count):
-                if k % EVERY == 0 and is_opaque(planes):
+                if k % CHECK_INTERVAL == 0 and is_opaque(planes):
                     count = k
                     break
                 e = lists.starts[tile] + k
@@ -227,7 +227,7 @@ def _blend(splats, lists, background, height, width, lanes):  # type: ignore[no-
 
 
 @inner
-def _unblend_rows(planes, first, end, u, v, d, offset, hit_z, z0, near, peak, colour, normal):  # type: ignore[no-untyped-def]
+def _row_gradients(planes, first, end, u, v, d, offset, hit_z, z0, near, peak, colour, normal):  # type: ignore[no-untyped-def]
     """Gradients of one disk, summed over the pixels ``first`` to ``end`` of a tile.
 
     Planes: T, the sum over what lies behind (the bracket in `splat.raster`), eight gradients (r, g, b, depth, alpha,
@@ -328,7 +328,7 @@ def _read(planes, left, top, image, colour, depth, alpha, normals):  # type: ign
 
 
 @inner
-def _store(row, ends, moments, offset):  # type: ignore[no-untyped-def]
+def _store_gradients(row, ends, moments, offset):  # type: ignore[no-untyped-def]
     """Write an entry's gradients; moments about the tile's first pixel become moments about the disk's centre."""
     (red, green, blue, sx, sy), (sz, sz0, so, snx, sny, snz, ax, ay) = ends
     su, sux, suy, sv, svx, svy, sd, sdx, sdy = moments
@@ -345,7 +345,7 @@ def _store(row, ends, moments, offset):  # type: ignore[no-untyped-def]
 def _blend_backward(splats, lists, image, colour, depth, alpha, normals, lanes):  # type: ignore[no-untyped-def]
     height, width = depth.shape[1], depth.shape[2]
     down, across = -(-height // TILE), -(-width // TILE)
-    gathered = np.empty((len(lists.gaussians), GATHERED), np.float32)
+    gathered = np.empty((len(lists.gaussians), GRADIENT_COLUMNS), np.float32)
     near = np.float32(splats.near)
     for lane in prange(lanes):
         planes = np.empty(12 * PIXELS, np.float32)
@@ -363,8 +363,8 @@ def _blend_backward(splats, lists, image, colour, depth, alpha, normals, lanes):
                 tint = splats.colours[g, 0], splats.colours[g, 1], splats.colours[g, 2]
                 normal = splats.normals[g, 0], splats.normals[g, 1], splats.normals[g, 2]
                 z0, peak = splats.depths[g], splats.peaks[g]
-                head, moments, tail = _unblend_rows(
+                head, moments, tail = _row_gradients(
                     planes, first, last, u, v, d, offset, hit_z, z0, near, peak, tint, normal
                 )
-                _store(gathered[lists.slots[e]], (head, tail), moments, offset)
+                _store_gradients(gathered[lists.slots[e]], (head, tail), moments, offset)
     return gathered

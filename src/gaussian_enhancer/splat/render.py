@@ -77,11 +77,11 @@ def _to_float32(gaussians: Gaussians) -> Gaussians:
     for field in dataclasses.fields(converted):
         value = getattr(converted, field.name)
         if value is not None and value.requires_grad:
-            value.register_hook(partial(_held, field.name, str(gaussians.means.dtype), largest))
+            value.register_hook(partial(_check_gradient_range, field.name, str(gaussians.means.dtype), largest))
     return converted
 
 
-def _held(name: str, dtype: str, largest: float, gradient: Tensor) -> None:
+def _check_gradient_range(name: str, dtype: str, largest: float, gradient: Tensor) -> None:
     if float(gradient.abs().max()) > largest:
         raise InputError(f"gradient of the splat's {name}", f"is larger than {dtype} holds", "fit in float32")
 
@@ -126,7 +126,7 @@ def _render_ellipsoids(
     return Render(*planes)
 
 
-class _Kept(NamedTuple):
+class _SavedForBackward(NamedTuple):
     """Values that the forward stores for the backward, besides the tensors that autograd tracks."""
 
     view: "ewa.View"
@@ -175,7 +175,7 @@ class _Ellipsoids(torch.autograd.Function):
             screen.gradient = None
         colour, depth, alpha, median = (torch.from_numpy(plane) for plane in image[:4])
         ctx.save_for_backward(means, log_scales, quaternions, opacity_logits, sh, colour, depth, alpha)
-        ctx.kept = _Kept(
+        ctx.kept = _SavedForBackward(
             view, dilation, mip, filter_sizes, visible, splats, lists, image.median_depth, image.used, screen
         )
         ctx.mark_non_differentiable(median)
@@ -187,7 +187,7 @@ class _Ellipsoids(torch.autograd.Function):
         from gaussian_enhancer.splat import ewa, ewa_backward, raster, tiles
         from gaussian_enhancer.splat import sh as harmonics
 
-        kept: _Kept = ctx.kept
+        kept: _SavedForBackward = ctx.kept
         means, log_scales, quaternions, opacity_logits, sh, colour, depth, alpha = map(numpy_view, ctx.saved_tensors)
         shape = ewa.Shape(means, log_scales, quaternions, opacity_logits, kept.smoothing)
         image = raster.Image(colour, depth, alpha, kept.median_depth, kept.used)

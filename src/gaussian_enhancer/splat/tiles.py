@@ -68,7 +68,7 @@ def bin_tiles(
         first = _count(footprints, height, width)
         keys = _depth_keys(first, depths)
         keys.sort()
-        tile_of, rows_of = _pairs(footprints, first, height, width)
+        tile_of, rows_of = _list_entries(footprints, first, height, width)
         down, across = grid(height, width)
         return TileLists(*_sort_entries(first, keys, tile_of, rows_of, down * across, get_num_threads()))
 
@@ -152,7 +152,7 @@ def _depth_keys(first, depths):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _pairs(footprints, first, height, width):  # type: ignore[no-untyped-def]
+def _list_entries(footprints, first, height, width):  # type: ignore[no-untyped-def]
     """Tile and pixel rows of every entry, in the order of the Gaussians."""
     n, across = len(footprints), -(-width // TILE)
     tile_of = np.empty(first[n], np.int32)

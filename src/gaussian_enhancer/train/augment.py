@@ -11,7 +11,7 @@ import torch
 from jaxtyping import UInt8
 from torch import Tensor
 
-from gaussian_enhancer.train.samples import EACH, FIXED
+from gaussian_enhancer.train.samples import FIXED_PLANES, PLANES_PER_REFERENCE
 from gaussian_enhancer.types import Batch
 
 
@@ -42,7 +42,7 @@ class Augmentation:
     light: float = 0.1
     every_reference: bool = False
 
-    def cut(
+    def random_crop(
         self, planes: UInt8[np.ndarray, "p _ _"], generator: torch.Generator, finer: int = 1
     ) -> UInt8[np.ndarray, "p s s"]:
         """A random square crop, mirrored and rotated by multiples of 90 degrees; small images are padded by reflection.
@@ -65,12 +65,12 @@ class Augmentation:
             piece = piece[:, :, ::-1]
         return np.ascontiguousarray(np.rot90(piece, _random_below(4, generator), axes=(1, 2)))
 
-    def drop(
+    def drop_references(
         self,
         planes: UInt8[np.ndarray, "p s s"],
         generator: torch.Generator,
-        fixed: int = FIXED,
-        each: int = EACH,
+        fixed: int = FIXED_PLANES,
+        each: int = PLANES_PER_REFERENCE,
     ) -> UInt8[np.ndarray, "q s s"]:
         """Keep a random number of references, in half of the cases the best-ranked, in the others a random selection.
 
@@ -94,7 +94,7 @@ class Augmentation:
         kept_planes = [planes[fixed + each * i : fixed + each * (i + 1)] for i in order[:kept_count]]
         return np.concatenate([planes[:fixed], *kept_planes])
 
-    def relight(self, batch: Batch, generator: torch.Generator, start: int = 0, whole: int | None = None) -> Batch:
+    def relight(self, batch: Batch, generator: torch.Generator, start: int = 0, total_size: int | None = None) -> Batch:
         """Apply random gains to whole samples (light) and to their references (exposure).
 
         The ``overfit`` and ``drop_renders`` augmentations are applied to the references' renders as well.
@@ -103,14 +103,14 @@ class Augmentation:
             batch: a batch of crops, or one process's part of it.
             generator: source of randomness.
             start: position of the first crop in the whole batch.
-            whole: size of the whole batch; random values do not depend on how it is split. None: this is all of it.
+            total_size: size of the whole batch; random values do not depend on its split. None: this is all of it.
         """
         views = batch.views
         size, count = views.references.shape[:2]
-        whole, part = size if whole is None else whole, slice(start, start + size)
-        light = torch.exp(self.light * torch.randn(whole, 3, 1, 1, generator=generator)[part])
-        reference_noise = torch.randn(whole, count, 1, 1, 1, generator=generator)[part]
-        channel_noise = torch.randn(whole, count, 3, 1, 1, generator=generator)[part]
+        total_size, part = size if total_size is None else total_size, slice(start, start + size)
+        light = torch.exp(self.light * torch.randn(total_size, 3, 1, 1, generator=generator)[part])
+        reference_noise = torch.randn(total_size, count, 1, 1, 1, generator=generator)[part]
+        channel_noise = torch.randn(total_size, count, 3, 1, 1, generator=generator)[part]
         exposure = torch.exp(self.exposure * (reference_noise + 0.5 * channel_noise))
 
         def lit(image: Tensor, gain: Tensor) -> Tensor:
@@ -118,7 +118,7 @@ class Augmentation:
 
         renders = views.reference_renders
         if renders is not None and self.overfit > 0:
-            share = self.overfit * torch.rand(whole, 1, 1, 1, 1, generator=generator)[part]
+            share = self.overfit * torch.rand(total_size, 1, 1, 1, 1, generator=generator)[part]
             renders = torch.lerp(renders, views.references, share)
         if renders is not None:
             is_dropped = float(torch.rand((), generator=generator)) < self.drop_renders

@@ -12,23 +12,23 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from gaussian_enhancer.align.alignment import Aligned, Pixels
+from gaussian_enhancer.align.alignment import AlignedReferences, LoadedView
 from gaussian_enhancer.align.exposure import match_exposure
-from gaussian_enhancer.align.references import Pool, join, read_target
+from gaussian_enhancer.align.references import ReferencePool, build_network_input, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.change_confidence import BANDS, BLOCK, ChangeConfidence, block_features, split_change
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.scene.renders import read_run, run_steps
 
-LEAST = 1e-5
+MIN_ERROR = 1e-5
 """Lower limit of a view's mean squared error where it is a divisor."""
-LEAST_OF_BLOCK = 1e-6
+MIN_BLOCK_ERROR = 1e-6
 """Lower limit of a block's mean squared error: 8-bit colours leave little to lose below it."""
-WORST = 3.0
+MAX_LOSS_DB = 3.0
 """Upper limit of the loss of a block, in dB."""
-START = 0.75
+INITIAL_SHARE = 0.75
 """Share that the confidence predicts before training."""
-OVERFIT = 0.5
+OVERFIT_SHARE = 0.5
 """Share of the references' errors that a splat of more steps is assumed not to have."""
 BATCH = 4096
 """Blocks per training step."""
@@ -37,7 +37,7 @@ NOISE = 0.4
 
 
 @dataclass(frozen=True)
-class JudgedView:
+class ViewBlocks:
     """Blocks of one enhanced view.
 
     Applying shares s of the bands of the change adds s^T squared s - 2 s^T helpful to the squared error. All errors
@@ -55,20 +55,20 @@ class JudgedView:
     helpful: Float[Tensor, "n k"]
     error: Float[Tensor, " n"]
 
-    def added(self, shares: Float[Tensor, "n k"]) -> Float[Tensor, " n"]:
+    def added_error(self, shares: Float[Tensor, "n k"]) -> Float[Tensor, " n"]:
         """Squared error that the shares add to each block, divided by the view's mean squared error."""
         return torch.einsum("nk,nkl,nl->n", shares, self.squared, shares) - 2 * (shares * self.helpful).sum(1)
 
-    def lost_decibels(self, added: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
-        """Loss of each block in dB due to added squared error, from 0 to `WORST`."""
-        return (10 * torch.log10((1 + added / self.error).clamp_min(1))).clamp_max(WORST)
+    def lost_decibels(self, added_error: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+        """Loss of each block in dB due to added squared error, from 0 to `MAX_LOSS_DB`."""
+        return (10 * torch.log10((1 + added_error / self.error).clamp_min(1))).clamp_max(MAX_LOSS_DB)
 
-    def select(self, chosen: Int[Tensor, " m"]) -> "JudgedView":
+    def select(self, block_indices: Int[Tensor, " m"]) -> "ViewBlocks":
         """The blocks with these indices."""
-        return JudgedView(*(getattr(self, field.name)[chosen] for field in fields(self)))
+        return ViewBlocks(*(getattr(self, field.name)[block_indices] for field in fields(self)))
 
 
-def judge_views(folder: Path, enhancer: SetEnhancer) -> Iterator[JudgedView]:
+def measure_views(folder: Path, enhancer: SetEnhancer) -> Iterator[ViewBlocks]:
     """Blocks of every held-out view of a fit, at each of its steps, with several variants of the references.
 
     Each held-out photo is first matched to the exposure of its render, because no input tells the photo's exposure.
@@ -82,7 +82,7 @@ def judge_views(folder: Path, enhancer: SetEnhancer) -> Iterator[JudgedView]:
     """
     for step in run_steps(folder):
         rendered = read_run(folder, step)
-        pool = Pool(rendered.references)
+        pool = ReferencePool(rendered.references)
         for view in rendered.targets:
             if view.read_photo is None:
                 raise InputError(view.name, "has no photo to learn from", "give fits with held-out photos")
@@ -90,10 +90,10 @@ def judge_views(folder: Path, enhancer: SetEnhancer) -> Iterator[JudgedView]:
             aligned = enhancer.reference_config.align(target, view, pool)
             matched_photo = match_exposure(photo, target.image)
             for variant in _variants(aligned):
-                yield _judge(enhancer, target, variant, matched_photo - target.image)
+                yield _measure_blocks(enhancer, target, variant, matched_photo - target.image)
 
 
-def _variants(aligned: Aligned) -> list[Aligned]:
+def _variants(aligned: AlignedReferences) -> list[AlignedReferences]:
     """All references, fewer of them, all with better renders of their views, and all without these renders.
 
     Better renders imitate a splat of more steps and Gaussians, which improves the renders of its training views but
@@ -101,12 +101,12 @@ def _variants(aligned: Aligned) -> list[Aligned]:
     """
     variants = _with_fewer(aligned)
     if aligned.renders is not None:
-        better_renders = torch.lerp(aligned.renders, aligned.references, OVERFIT)
+        better_renders = torch.lerp(aligned.renders, aligned.references, OVERFIT_SHARE)
         variants += [replace(aligned, renders=better_renders), replace(aligned, renders=None)]
     return variants
 
 
-def _with_fewer(aligned: Aligned) -> list[Aligned]:
+def _with_fewer(aligned: AlignedReferences) -> list[AlignedReferences]:
     """All references, and with three or more also all but the last, and all but the first."""
     parts = [slice(None)] if len(aligned.names) < 3 else [slice(None), slice(None, -1), slice(1, None)]
     return [
@@ -121,17 +121,19 @@ def _with_fewer(aligned: Aligned) -> list[Aligned]:
     ]
 
 
-def _judge(enhancer: SetEnhancer, target: Pixels, aligned: Aligned, wanted: Float[Tensor, "3 h w"]) -> JudgedView:
-    views = join(target, aligned)
+def _measure_blocks(
+    enhancer: SetEnhancer, target: LoadedView, aligned: AlignedReferences, wanted: Float[Tensor, "3 h w"]
+) -> ViewBlocks:
+    views = build_network_input(target, aligned)
     enhanced = enhancer.enhance(views, aligned.names)
     change = enhanced[0] - target.image
-    error = float(wanted.square().mean().clamp_min(LEAST))
-    block_error = _mean_product(wanted, wanted).clamp_min(LEAST_OF_BLOCK)
+    error = float(wanted.square().mean().clamp_min(MIN_ERROR))
+    block_error = _mean_product(wanted, wanted).clamp_min(MIN_BLOCK_ERROR)
     features = block_features(enhanced, views)[0].flatten(1).T.contiguous()
     bands = [band[0] for band in split_change(change[None])]
     squared = torch.stack([_mean_product(first, second) for first in bands for second in bands], dim=1)
     helpful = torch.stack([_mean_product(band, wanted) for band in bands], dim=1)
-    return JudgedView(features, squared.unflatten(1, (BANDS, BANDS)) / error, helpful / error, block_error / error)
+    return ViewBlocks(features, squared.unflatten(1, (BANDS, BANDS)) / error, helpful / error, block_error / error)
 
 
 def _mean_product(first: Float[Tensor, "3 h w"], second: Float[Tensor, "3 h w"]) -> Float[Tensor, " n"]:
@@ -139,7 +141,7 @@ def _mean_product(first: Float[Tensor, "3 h w"], second: Float[Tensor, "3 h w"])
 
 
 def train_confidence(
-    fits: Sequence[Sequence[JudgedView]],
+    fits: Sequence[Sequence[ViewBlocks]],
     hidden: int = 96,
     steps: int = 2000,
     harm: float = 0.5,
@@ -152,7 +154,7 @@ def train_confidence(
     lose much of its quality and add hardly any squared error; the loss in dB covers this case.
 
     Args:
-        fits: for each fit, the blocks of its views (`judge_views`). Fits have equal weight, and so have the views of a
+        fits: for each fit, the blocks of its views (`measure_views`). Fits have equal weight, and so have the views of a
             fit.
         hidden: width of the hidden layers.
         steps: steps of the optimiser.
@@ -170,14 +172,14 @@ def train_confidence(
         ]
     )
     weights = weights / weights.mean()
-    blocks = JudgedView(*(torch.cat([getattr(view, field.name) for view in views]) for field in fields(JudgedView)))
+    blocks = ViewBlocks(*(torch.cat([getattr(view, field.name) for view in views]) for field in fields(ViewBlocks)))
     generator = torch.Generator().manual_seed(seed)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         confidence = ChangeConfidence(hidden)
         weight, bias = list(confidence.layers[-1].parameters())
         torch.nn.init.zeros_(weight)
-        torch.nn.init.constant_(bias, START)
+        torch.nn.init.constant_(bias, INITIAL_SHARE)
         confidence.centre.copy_(blocks.features.mean(0))
         confidence.scale.copy_(blocks.features.std(0) + 1e-3)
         optimizer = torch.optim.AdamW(confidence.parameters(), 4e-3, weight_decay=1e-2)
@@ -188,7 +190,7 @@ def train_confidence(
             batch = blocks.select(indices)
             noisy_features = batch.features + NOISE * confidence.scale * torch.randn_like(batch.features)
             shares = confidence.predict_shares(noisy_features.T[None, :, None])[0, :, 0].T
-            added = batch.added(shares.clamp(-0.2, 1.4))
+            added = batch.added_error(shares.clamp(-0.2, 1.4))
             cost = added + harm * added.clamp_min(0) + block_harm * batch.lost_decibels(added)
             loss = (weights[indices] * cost).mean()
             optimizer.zero_grad()

@@ -7,7 +7,7 @@ import torch
 from torch.utils.data import Dataset, Sampler
 
 from gaussian_enhancer.train.augment import Augmentation
-from gaussian_enhancer.train.samples import FINE, Sample, batch_of
+from gaussian_enhancer.train.samples import PLANES_PER_FINE_IMAGE, Sample, make_batch
 from gaussian_enhancer.train.share import ProcessShare
 from gaussian_enhancer.train.simulated import Simulation
 from gaussian_enhancer.types import Batch
@@ -32,14 +32,16 @@ class Crops(Dataset[tuple]):
         position, seed = index
         generator = torch.Generator().manual_seed(seed)
         sample = self.samples[position]
-        planes = self.augmentation.cut(sample.planes(), generator)
-        item = self.augmentation.drop(planes, generator), sample, seed
+        planes = self.augmentation.random_crop(sample.planes(), generator)
+        item = self.augmentation.drop_references(planes, generator), sample, seed
         fine_planes = sample.fine_planes()
         if fine_planes is None:
             return item
         generator.manual_seed(seed)
-        fine_planes = self.augmentation.cut(fine_planes, generator, finer=4)
-        return *item, self.augmentation.drop(fine_planes, generator, FINE, FINE)
+        fine_planes = self.augmentation.random_crop(fine_planes, generator, finer=4)
+        return *item, self.augmentation.drop_references(
+            fine_planes, generator, PLANES_PER_FINE_IMAGE, PLANES_PER_FINE_IMAGE
+        )
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ class Collate:
             has_renders: whether the splat's renders of the references' views are known for the whole batch.
         """
         planes, samples, seeds, *fine = zip(*items, strict=True)
-        batch = batch_of(planes, samples, self.references, *fine)
+        batch = make_batch(planes, samples, self.references, *fine)
         if not has_renders:
             batch = replace(batch, views=replace(batch.views, reference_renders=None))
         if self.simulation is not None:
@@ -99,7 +101,7 @@ class SharedCollate:
         return self.collate(list(crops), share, has_renders)
 
 
-def never(seed: int) -> bool:
+def never_simulated(seed: int) -> bool:
     """Return False for every seed: no crop is simulated."""
     return False
 
@@ -111,10 +113,10 @@ class BalancedDraw(Sampler[tuple[int, int]]):
         sizes: number of samples of each source; the dataset holds the sources one after another.
         count: draws per epoch.
         seed: seed of the first epoch; each later epoch adds 1.
-        further: number of additional samples of each source, stored after its ordinary ones and drawn for simulated
+        extra_sizes: number of additional samples of each source, stored after its ordinary ones and drawn for simulated
             crops only; 0 by default.
         simulated: whether the crop of a seed is simulated.
-        drawn: returns how many crops the training has already used when an epoch begins, so that a resumed training
+        count_used: returns the number of crops used before the current epoch, so that a resumed training
             continues with the next crop; None counts completed epochs instead.
     """
 
@@ -123,12 +125,12 @@ class BalancedDraw(Sampler[tuple[int, int]]):
         sizes: Sequence[int],
         count: int,
         seed: int,
-        further: Sequence[int] = (),
-        simulated: Callable[[int], bool] = never,
-        drawn: Callable[[], int] | None = None,
+        extra_sizes: Sequence[int] = (),
+        simulated: Callable[[int], bool] = never_simulated,
+        count_used: Callable[[], int] | None = None,
     ) -> None:
-        self.sizes, self.count, self.seed, self.passes, self.drawn = list(sizes), count, seed, 0, drawn
-        self.further = list(further) or [0] * len(self.sizes)
+        self.sizes, self.count, self.seed, self.passes, self.drawn = list(sizes), count, seed, 0, count_used
+        self.further = list(extra_sizes) or [0] * len(self.sizes)
         self.simulated = simulated
 
     def __len__(self) -> int:

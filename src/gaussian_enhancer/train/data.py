@@ -12,10 +12,10 @@ from torch.utils.data import DataLoader
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.frozen import refuse_frozen, refuse_untrained
 from gaussian_enhancer.train.augment import Augmentation
-from gaussian_enhancer.train.crops import BalancedDraw, Collate, Crops, SharedCollate, never
+from gaussian_enhancer.train.crops import BalancedDraw, Collate, Crops, SharedCollate, never_simulated
 from gaussian_enhancer.train.non_finite import refuse_bad
 from gaussian_enhancer.train.run_samples import RunSamples, find_runs
-from gaussian_enhancer.train.samples import Sample, batch_of
+from gaussian_enhancer.train.samples import Sample, make_batch
 from gaussian_enhancer.train.share import SharedBatches, SharedCrops
 from gaussian_enhancer.train.simulated import Simulation
 from gaussian_enhancer.types import Batch
@@ -96,12 +96,14 @@ class RunsData(LightningDataModule):
         training_view_counts = [
             len(source) - count for source, count in zip(self.sources, held_out_counts, strict=True)
         ]
-        simulated = never if self.simulation is None else self.simulation.is_simulated
+        simulated = never_simulated if self.simulation is None else self.simulation.is_simulated
         batch_size, workers = self.loading.batch_size, 0 if current_process().daemon else self.loading.workers
         count = batch_size * self.steps_per_epoch
-        sampler = BalancedDraw(held_out_counts, count, self.loading.seed, training_view_counts, simulated, self._drawn)
+        sampler = BalancedDraw(
+            held_out_counts, count, self.loading.seed, training_view_counts, simulated, self._used_crops
+        )
         collate = Collate(self.samples.reference_config.references, self.augmentation, self.simulation)
-        rank, ranks = self._place()
+        rank, ranks = self._rank_and_world_size()
         if ranks > 1:
             batches = SharedBatches(sampler, batch_size, rank, ranks)
             shared_collate = SharedCollate(collate, crops.samples)
@@ -117,20 +119,20 @@ class RunsData(LightningDataModule):
 
         def collate(items: list[tuple[int, Sample]]) -> Batch:
             ((seed, sample),) = items
-            batch = batch_of([sample.planes()], [sample], references, [sample.fine_planes()])
+            batch = make_batch([sample.planes()], [sample], references, [sample.fine_planes()])
             return batch if simulation is None else simulation(batch, [sample], [seed])
 
-        rank, ranks = self._place()
+        rank, ranks = self._rank_and_world_size()
         views: Any = list(enumerate(chosen))
         # Torch's DistributedSampler would repeat views until all processes have equally many, which changes the mean.
         sampler = UnrepeatedDistributedSampler(views, ranks, rank, shuffle=False)
         return DataLoader(views, batch_size=1, sampler=sampler, collate_fn=collate)
 
-    def _drawn(self) -> int:
+    def _used_crops(self) -> int:
         """Number of crops that the training has used so far."""
         return 0 if self.trainer is None else int(self.trainer.global_step) * self.loading.batch_size
 
-    def _place(self) -> tuple[int, int]:
+    def _rank_and_world_size(self) -> tuple[int, int]:
         """Rank of this process, and the number of training processes."""
         return (0, 1) if self.trainer is None else (self.trainer.global_rank, self.trainer.world_size)
 
@@ -164,9 +166,9 @@ class RunsData(LightningDataModule):
                 self.sources.append(source)
             validated = [run for group in runs["validation"] for run in group]
             self.held_out = [sample for run in validated for sample in self.samples.held_out(run, *options)]
-        self._leave_out()
+        self._remove_non_finite()
 
-    def _leave_out(self) -> None:
+    def _remove_non_finite(self) -> None:
         """Remove the samples that are not finite.
 
         Raises:

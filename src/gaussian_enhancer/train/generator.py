@@ -53,7 +53,7 @@ class _GeneratorModule(LightningModule):
         self.model = model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.loss, self.optimizer, self.lr_scheduler, self.seed = loss, optimizer, lr_scheduler, seed
 
-    def prepared(self, batch: Batch, index: int) -> tuple[Tensor, Tensor, tuple[torch.Generator, ...]]:
+    def prepare_batch(self, batch: Batch, index: int) -> tuple[Tensor, Tensor, tuple[torch.Generator, ...]]:
         """Stage 1's output M, the real renders R, and generators seeded by the index and the seed.
 
         Raises:
@@ -69,7 +69,7 @@ class _GeneratorModule(LightningModule):
         groups = [{"params": [p for p in self.parameters() if p.requires_grad]}]
         return optimizer_configuration(groups, self.optimizer, self.lr_scheduler, monitor="gain/paired")
 
-    def _logged(self, values: dict[str, Tensor], batch: Batch) -> None:
+    def _log_values(self, values: dict[str, Tensor], batch: Batch) -> None:
         self.log_dict({f"train/{name}": value.detach() for name, value in values.items()}, batch_size=len(batch.names))
 
 
@@ -97,30 +97,30 @@ class PairedModule(_GeneratorModule):
 
     def training_step(self, batch: Batch, index: int) -> Tensor:
         """Loss of a batch of crops."""
-        manual, real, generators = self.prepared(batch, self.global_step)
+        manual, real, generators = self.prepare_batch(batch, self.global_step)
         factors = self.model.extractor(manual, real)
-        noisy_factors = factors.linear_combination(_white(factors), 1.0, self.loss.noise)
+        noisy_factors = factors.linear_combination(_white_noise(factors), 1.0, self.loss.noise)
         output = self.model.combine(manual, noisy_factors, generators).float()
-        self._scale(factors)
+        self._update_scale(factors)
         with torch.autocast(self.device.type, enabled=False):
             parts = {
                 "pixels": (output - real).abs().mean(),
                 "texture": texture_difference(output, real),
-                "size": _size(factors),
+                "size": _mean_square(factors),
             }
-        self._logged(parts, batch)
+        self._log_values(parts, batch)
         loss = self.loss
         return loss.pixels * parts["pixels"] + loss.texture * parts["texture"] + loss.size * parts["size"]
 
     def validation_step(self, batch: Batch, index: int) -> None:
         """Log how much closer L is to R than M is: gain in PSNR, and remaining share of the texture difference."""
-        manual, real, generators = self.prepared(batch, index)
+        manual, real, generators = self.prepare_batch(batch, index)
         output = self.model.combine(manual, self.model.extractor(manual, real), generators).float().clamp(0, 1)
-        self.log("gain/paired", _nearer(manual, output, real), prog_bar=True, batch_size=1)
-        self.log("texture/paired", _texture_left(manual, output, real), prog_bar=True, batch_size=1)
+        self.log("gain/paired", _psnr_gain(manual, output, real), prog_bar=True, batch_size=1)
+        self.log("texture/paired", _texture_ratio(manual, output, real), prog_bar=True, batch_size=1)
 
     @torch.no_grad()
-    def _scale(self, factors: Factors) -> None:
+    def _update_scale(self, factors: Factors) -> None:
         """Update the running root mean square of codes with noise, by which the denoiser's codes are scaled."""
         for buffer, part, dims in (
             (self.model.vector_scale, factors.vector, (0,)),
@@ -162,48 +162,48 @@ class DiffusedModule(_GeneratorModule):
 
     def training_step(self, batch: Batch, index: int) -> Tensor:
         """Loss of a batch of crops."""
-        manual, real, _ = self.prepared(batch, self.global_step)
-        denoising = self._denoising(manual, real, self.model)
-        self._logged({"denoising": denoising}, batch)
+        manual, real, _ = self.prepare_batch(batch, self.global_step)
+        denoising = self._denoising_loss(manual, real, self.model)
+        self._log_values({"denoising": denoising}, batch)
         return denoising
 
     def validation_step(self, batch: Batch, index: int) -> None:
         """Log the denoising error, and how much closer sampled views are to R than M is."""
-        manual, real, generators = self.prepared(batch, index)
+        manual, real, generators = self.prepare_batch(batch, index)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(index)
-            self.log("left/denoising", self._denoising(manual, real, self.model), batch_size=1)
+            self.log("left/denoising", self._denoising_loss(manual, real, self.model), batch_size=1)
         sampled = self.model.sample(manual, self.sampler, generators)
         output = self.model.combine(manual, sampled, generators).float().clamp(0, 1)
-        self.log("gain/diffused", _nearer(manual, output, real), prog_bar=True, batch_size=1)
-        self.log("texture/diffused", _texture_left(manual, output, real), prog_bar=True, batch_size=1)
+        self.log("gain/diffused", _psnr_gain(manual, output, real), prog_bar=True, batch_size=1)
+        self.log("texture/diffused", _texture_ratio(manual, output, real), prog_bar=True, batch_size=1)
 
-    def _denoising(self, manual: Tensor, real: Tensor, model: FactorModel) -> Tensor:
+    def _denoising_loss(self, manual: Tensor, real: Tensor, model: FactorModel) -> Tensor:
         """Mean squared error of the predicted clean code at a random time, on standardised codes."""
         with torch.no_grad():
             factors = model.extractor(manual, real)
             factors = Factors(factors.vector.float(), factors.grid.float())
-            clean = model.standardise(factors.linear_combination(_white(factors), 1.0, self.loss.noise))
+            clean = model.standardise(factors.linear_combination(_white_noise(factors), 1.0, self.loss.noise))
         time = torch.rand(len(manual), device=manual.device)
         signal = SCHEDULES[model.design.schedule].signal(time)
-        noisy = clean.linear_combination(_white(clean), signal, (1 - signal.square()).clamp_min(0).sqrt())
+        noisy = clean.linear_combination(_white_noise(clean), signal, (1 - signal.square()).clamp_min(0).sqrt())
         predicted = model.denoiser(noisy, time, model.denoiser.features(manual))
         pairs = ((predicted.vector, clean.vector), (predicted.grid, clean.grid))
         return torch.stack([F.mse_loss(a.float(), b) for a, b in pairs if b.numel() > 0]).mean()
 
 
-def _white(like: Factors) -> Factors:
+def _white_noise(like: Factors) -> Factors:
     return Factors(torch.randn_like(like.vector), torch.randn_like(like.grid))
 
 
-def _size(factors: Factors) -> Tensor:
+def _mean_square(factors: Factors) -> Tensor:
     parts = [part.float().square().mean() for part in (factors.vector, factors.grid) if part.numel() > 0]
     return torch.stack(parts).mean()
 
 
-def _nearer(manual: Tensor, made: Tensor, real: Tensor) -> Tensor:
+def _psnr_gain(manual: Tensor, made: Tensor, real: Tensor) -> Tensor:
     return 10 * torch.log10((F.mse_loss(manual, real) + 1e-8) / (F.mse_loss(made, real) + 1e-8))
 
 
-def _texture_left(manual: Tensor, made: Tensor, real: Tensor) -> Tensor:
+def _texture_ratio(manual: Tensor, made: Tensor, real: Tensor) -> Tensor:
     return texture_difference(made, real) / texture_difference(manual, real).clamp_min(1e-6)

@@ -17,7 +17,7 @@ from lightning.pytorch.loggers.logger import rank_zero_experiment
 from omegaconf import DictConfig
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.runtime import start
 
@@ -117,7 +117,7 @@ class _ResumableWriter(ExperimentWriter):
         self.metrics = []
 
     def _write(self, names: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
-        with whole_file(self.metrics_file_path) as path, path.open("w", newline="") as file:
+        with atomic_write(self.metrics_file_path) as path, path.open("w", newline="") as file:
             writer = tables.DictWriter(file, names)
             writer.writeheader()
             writer.writerows(rows)

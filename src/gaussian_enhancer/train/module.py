@@ -67,7 +67,7 @@ class EnhancerModule(LightningModule):
         self.network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.loss, self.metrics = loss, metrics
         self.optimizer, self.lr_scheduler, self.coarse = optimizer, lr_scheduler, coarse
-        self.judged: list[ValidationMetrics] = []
+        self.view_metrics: list[ValidationMetrics] = []
         self.non_finite = NonFiniteFilter(bad_share)
         self.crops = 0  # crops per step in this process
 
@@ -118,17 +118,17 @@ class EnhancerModule(LightningModule):
         return total * finite.float().mean(), parts
 
     def _loss_at_all_scales(
-        self, images: tuple[Tensor, ...], drawn: Tensor, truth: Tensor
+        self, images: tuple[Tensor, ...], renders: Tensor, photos: Tensor
     ) -> tuple[Tensor, dict[str, Tensor]]:
         """Loss of enhanced images at all scales, coarse to fine, given renders and photos."""
         *coarser, enhanced = images
         with torch.autocast(self.device.type, enabled=False):
-            enlarged_render = upsample_bicubic(drawn, self.network.scale).clamp(0, 1)
-            total, parts = self.loss(single_precision(enhanced), truth, enlarged_render)
+            enlarged_render = upsample_bicubic(renders, self.network.scale).clamp(0, 1)
+            total, parts = self.loss(single_precision(enhanced), photos, enlarged_render)
             for image in coarser:
                 photo, render = (
                     F.adaptive_avg_pool2d(full_size, (image.shape[-2], image.shape[-1]))
-                    for full_size in (truth, enlarged_render)
+                    for full_size in (photos, enlarged_render)
                 )
                 total = total + self.coarse * self.loss(single_precision(image), photo, render)[0]
         return total, parts
@@ -150,7 +150,7 @@ class EnhancerModule(LightningModule):
 
     def on_validation_epoch_start(self) -> None:
         """Clear the results of the last validation."""
-        self.judged = []
+        self.view_metrics = []
 
     def validation_step(self, batch: Batch, index: int) -> dict[str, Any]:
         """Measure the gain over the raw render on a whole image, both quantised to 8 bits.
@@ -165,12 +165,12 @@ class EnhancerModule(LightningModule):
         self.log_dict(self.metrics, on_step=False, on_epoch=True, prog_bar=True, batch_size=1)
         position = index * self.trainer.world_size + self.trainer.global_rank
         values = {name.removeprefix("gain/"): float(value) for name, value in gains.items()}
-        self.judged.append(ValidationMetrics(position, batch.names[0], values))
+        self.view_metrics.append(ValidationMetrics(position, batch.names[0], values))
         return {"place": position, "enhanced": enhanced}
 
     def on_validation_epoch_end(self) -> None:
         """Gather the results of the views from all processes, in the order of the views."""
-        self.judged = sorted(gather(self.judged), key=lambda one: one.place)
+        self.view_metrics = sorted(gather(self.view_metrics), key=lambda one: one.place)
 
     def configure_optimizers(self) -> Any:
         """Optimizer of the network's parameters, with weight decay on the weights of convolutions only."""

@@ -18,7 +18,7 @@ from gaussian_enhancer.types import Batch
 
 BAD_SHARE = 0.01
 """Default share of the samples that may be dropped."""
-FEWEST = 1000
+MIN_CROPS = 1000
 """Smallest crop count that the share of dropped crops is relative to, so that a single early bad crop is tolerated."""
 
 
@@ -44,27 +44,27 @@ class NonFiniteFilter:
                 print(f"dropped {name}: it is not finite", file=sys.stderr)
             self.counts[name] = self.counts.get(name, 0) + 1
 
-    def refuse_many(self, seen: int) -> None:
+    def refuse_many(self, crop_count: int) -> None:
         """Fail if this process has dropped too large a share of its crops.
 
         Args:
-            seen: crops that this process has used so far.
+            crop_count: crops that this process has used so far.
 
         Raises:
             InputError: too large a share was dropped.
         """
-        _refuse_sample(self.counts, self.share, seen, max(seen, FEWEST))
+        _refuse_sample(self.counts, self.share, crop_count, max(crop_count, MIN_CROPS))
 
-    def refuse_many_of_all(self, seen: int) -> None:
+    def refuse_many_of_all(self, crop_count: int) -> None:
         """Fail if all processes together have dropped too large a share. Every process has to call this.
 
         Args:
-            seen: crops that all processes used over the whole training.
+            crop_count: crops that all processes used over the whole training.
 
         Raises:
             InputError: too large a share was dropped.
         """
-        _refuse_sample(self.dropped_by_all(), self.share, seen, seen)
+        _refuse_sample(self.dropped_by_all(), self.share, crop_count, crop_count)
 
     def dropped_by_all(self) -> dict[str, int]:
         """Number of drops of each sample over all processes. Every process has to call this."""

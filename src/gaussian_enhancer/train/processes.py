@@ -56,24 +56,24 @@ def launch(work: Callable[..., Any], cfg: DictConfig, accelerator: str, count: i
         cfg.runtime.threads = max(1, len(os.sched_getaffinity(0)) // count)
     fabric: Any = Fabric(accelerator=accelerator, devices=count, strategy="ddp_spawn")
     try:
-        return pickle.loads(fabric.launch(_in_a_process, pickle.dumps((work, cfg, given))))
+        return pickle.loads(fabric.launch(_run_pickled, pickle.dumps((work, cfg, given))))
     except torch.multiprocessing.ProcessExitedException as error:
         raise LostProcessError(f"one of {count} processes was killed, for want of memory perhaps") from error
     except torch.multiprocessing.ProcessRaisedException as error:
-        refusal = _refusal(str(error))
+        refusal = _parse_input_error(str(error))
         if refusal is None:
             raise
         raise refusal from None
 
 
-def _in_a_process(fabric: Any, call: bytes) -> bytes:
+def _run_pickled(fabric: Any, call: bytes) -> bytes:
     """Run the pickled call and pickle its result: Fabric would search unpickled frozen dataclasses for tensors."""
     work, cfg, arguments = pickle.loads(call)
     cfg.runtime.progress = cfg.runtime.progress and fabric.is_global_zero
     return pickle.dumps(work(cfg, *arguments))
 
 
-def _refusal(traceback: str) -> InputError | None:
+def _parse_input_error(traceback: str) -> InputError | None:
     """The InputError that ended a process, parsed from its traceback; None if another error ended it."""
     name = f"{InputError.__module__}.{InputError.__qualname__}: "
     lines = [line.removeprefix(name) for line in traceback.splitlines() if line.startswith(name)]

@@ -13,7 +13,7 @@ from gaussian_enhancer.scene.renders import read_run, run_steps
 from gaussian_enhancer.train.non_finite import BAD_SHARE
 from gaussian_enhancer.train.samples import Sample, prepare_samples, training_targets
 
-Finer = Callable[[Path, RenderedSet], RenderedSet]
+AttachFinePhotos = Callable[[Path, RenderedSet], RenderedSet]
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class RunSamples:
     snapshots: bool = True
     match_exposure: bool = False
     views_per_run: int | None = None
-    finer: Finer | None = None
+    finer: AttachFinePhotos | None = None
     bad_share: float = BAD_SHARE
     progress: bool = True
 
@@ -61,7 +61,7 @@ class RunSamples:
         """
         steps, samples = run_steps(run), []
         for step in steps if self.snapshots else steps[-1:]:
-            views, identity = self._thin(self._read(run, step), _identity(run, step))
+            views, identity = self._limit_views(self._read(run, step), _identity(run, step))
             samples += self._prepare(views, identity, True, threads, advance)
         return samples
 
@@ -75,7 +75,7 @@ class RunSamples:
         views = read_run(run, step)
         return self.finer(run, views) if self.reference_config.fine and self.finer is not None else views
 
-    def _thin(self, views: RenderedSet, identity: str) -> tuple[RenderedSet, str]:
+    def _limit_views(self, views: RenderedSet, identity: str) -> tuple[RenderedSet, str]:
         """At most ``views_per_run`` of the views, and the identity of this selection for the cache."""
         count, limit = len(views.targets), self.views_per_run
         if limit is None or count <= limit:

@@ -23,26 +23,26 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
-from gaussian_enhancer.align.alignment import Aligned
+from gaussian_enhancer.align.alignment import AlignedReferences
 from gaussian_enhancer.align.depth_normalisation import depth_unit, normalised_inverse_depth
 from gaussian_enhancer.align.exposure import apply_colour, fit_exposure
-from gaussian_enhancer.align.references import Pool, ReferenceConfig, read_target
+from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool, read_target
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import load_array, save_array, unwritable, whole_file
+from gaussian_enhancer.files import atomic_write, load_array, save_array, to_write_error
 from gaussian_enhancer.infer.weights import reference_config_of
 from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.types import Batch, NetworkInput
 
-LAYOUT = 5
+LAYOUT_VERSION = 5
 """Version of the layout of planes; part of the cache key."""
-FIXED = 9
+FIXED_PLANES = 9
 """Planes before those of the references."""
-EACH = 7
+PLANES_PER_REFERENCE = 7
 """Planes per reference."""
-FINE = 3
+PLANES_PER_FINE_IMAGE = 3
 """Fine planes of the photo, and of each reference."""
-NEAREST = 4.0
+MAX_INVERSE_DEPTH = 4.0
 """Largest normalised inverse depth; stored as 65535."""
 
 
@@ -112,7 +112,11 @@ def prepare_samples(
     Raises:
         InputError: a view has no photo, or the cache cannot be written.
     """
-    content = {"layout": LAYOUT, "identity": identity, "reference_config": reference_config_of(reference_config)}
+    content = {
+        "layout": LAYOUT_VERSION,
+        "identity": identity,
+        "reference_config": reference_config_of(reference_config),
+    }
     content["held_out"] = held_out
     if match_exposure:
         content["match_exposure"] = True
@@ -120,8 +124,8 @@ def prepare_samples(
     folder = cache / f"{rendered.name}-{digest}"
     index = folder / "index.json"
     if index.is_file():
-        return _listed(index)
-    pool = Pool(rendered.references)
+        return _read_index(index)
+    pool = ReferencePool(rendered.references)
 
     def prepared(number: int) -> Sample:
         sample = _prepare(rendered, number, reference_config, pool, folder, match_exposure)
@@ -134,17 +138,17 @@ def prepare_samples(
         folder.mkdir(parents=True, exist_ok=True)
         with FileLock(folder / "lock"):
             if index.is_file():  # another training has prepared the set meanwhile
-                return _listed(index)
+                return _read_index(index)
             with ThreadPoolExecutor(workers) as executor:
                 samples = list(executor.map(prepared, range(len(rendered.targets))))
-            with whole_file(index) as temporary:
+            with atomic_write(index) as temporary:
                 temporary.write_text(json.dumps([_entry(sample) for sample in samples]))
     except OSError as error:
-        raise unwritable(folder, error) from error
+        raise to_write_error(folder, error) from error
     return samples
 
 
-def _listed(index: Path) -> list[Sample]:
+def _read_index(index: Path) -> list[Sample]:
     """Read the samples of a prepared set from its index."""
     return [Sample(**entry) for entry in json.loads(index.read_text())]
 
@@ -170,14 +174,14 @@ def _prepare(
     rendered: RenderedSet,
     number: int,
     reference_config: ReferenceConfig,
-    pool: Pool,
+    pool: ReferencePool,
     folder: Path,
     match_exposure: bool,
 ) -> Sample:
     view = rendered.targets[number]
     target = read_target(view)
     photo = _photo(view.name, view.read_photo, *target.image.shape[-2:])
-    if bad := _not_finite({"render": target.image, "photo": photo, "opacity": target.alpha}):
+    if bad := _non_finite_names({"render": target.image, "photo": photo, "opacity": target.alpha}):
         # Rounding to bytes would turn NaN into an ordinary colour.
         height, width = target.image.shape[-2:]
         return Sample(f"{rendered.name}/{view.name}", "", height, width, 0, False, False, bad=bad)
@@ -188,7 +192,7 @@ def _prepare(
     inverse = torch.zeros_like(target.image[:1])
     if target.depth is not None:
         depth = target.depth[None]
-        inverse = normalised_inverse_depth(depth, depth_unit(depth))[0] / NEAREST
+        inverse = normalised_inverse_depth(depth, depth_unit(depth))[0] / MAX_INVERSE_DEPTH
     depth_levels = (inverse * 65535).round().int()
     alpha = torch.ones_like(inverse) if target.alpha is None else target.alpha
     renders = torch.zeros_like(aligned.references) if aligned.renders is None else aligned.renders
@@ -226,12 +230,12 @@ def _prepare(
     )
 
 
-def _not_finite(images: Mapping[str, Tensor | None]) -> str:
+def _non_finite_names(images: Mapping[str, Tensor | None]) -> str:
     """Names of the images with values that are not finite; empty if there are none."""
     return ", ".join(n for n, image in images.items() if image is not None and not bool(torch.isfinite(image).all()))
 
 
-def _fine_planes(photo: Float[Tensor, "3 H W"], aligned: Aligned) -> Tensor:
+def _fine_planes(photo: Float[Tensor, "3 H W"], aligned: AlignedReferences) -> Tensor:
     if aligned.fine is None:
         return _bytes(photo)
     return torch.cat([_bytes(photo), _bytes(aligned.fine.flatten(0, 1))])
@@ -249,7 +253,7 @@ def _bytes(image: Float[Tensor, "p h w"]) -> Tensor:
     return (image.clamp(0, 1) * 255).round().int()
 
 
-def batch_of(
+def make_batch(
     planes: Sequence[UInt8[np.ndarray, "_ h w"]],
     samples: Sequence[Sample],
     references: int,
@@ -265,13 +269,13 @@ def batch_of(
         references: number of references per sample in the batch.
         fine: the same planes 4 times as fine.
     """
-    stacked = _stack(planes, FIXED + EACH * references)
+    stacked = _stack(planes, FIXED_PLANES + PLANES_PER_REFERENCE * references)
     height, width = stacked.shape[-2:]
     images = stacked.float() / 255
-    inverse = (stacked[:, 7:8].float() * 256 + stacked[:, 8:9].float()) * (NEAREST / 65535)
+    inverse = (stacked[:, 7:8].float() * 256 + stacked[:, 8:9].float()) * (MAX_INVERSE_DEPTH / 65535)
     known = torch.tensor([sample.has_depth for sample in samples])[:, None, None, None]
     depth = torch.where((inverse > 0) & known, 1 / inverse.clamp_min(1e-6), torch.zeros_like(inverse))
-    reference_planes = images[:, FIXED:].view(len(samples), references, EACH, height, width)
+    reference_planes = images[:, FIXED_PLANES:].view(len(samples), references, PLANES_PER_REFERENCE, height, width)
     renders = reference_planes[:, :, 4:] if all(sample.has_reference_renders for sample in samples) else None
     unit = torch.ones(len(samples))
     views = NetworkInput(
@@ -279,8 +283,11 @@ def batch_of(
     )
     photo, fine_crops = images[:, 3:6], [layer for layer in fine if layer is not None]
     if fine_crops and len(fine_crops) == len(samples):
-        fine_planes = _stack(fine_crops, FINE * (1 + references)).float() / 255
-        photo, fine_references = fine_planes[:, :FINE], fine_planes[:, FINE:].unflatten(1, (references, FINE))
+        fine_planes = _stack(fine_crops, PLANES_PER_FINE_IMAGE * (1 + references)).float() / 255
+        photo, fine_references = (
+            fine_planes[:, :PLANES_PER_FINE_IMAGE],
+            fine_planes[:, PLANES_PER_FINE_IMAGE:].unflatten(1, (references, PLANES_PER_FINE_IMAGE)),
+        )
         views = dataclasses.replace(views, fine_references=fine_references)
     return Batch(views, photo, tuple(sample.name for sample in samples))
 

@@ -66,16 +66,16 @@ class Simulation:
         batch = dataclasses.replace(batch, real=batch.views.render)
         simulated = [i for i in range(len(samples)) if not samples[i].held_out or self.is_simulated(seeds[i])]
         # Crops are grouped by what is known of them: unknown depth or opacity must not be simulated as if known.
-        known_inputs = {_known(samples[i]): None for i in simulated}
+        known_inputs = {_known_parts(samples[i]): None for i in simulated}
         for known in known_inputs:
-            group = [i for i in simulated if _known(samples[i]) == known]
+            group = [i for i in simulated if _known_parts(samples[i]) == known]
             batch = self._replace_renders(batch, group, *known, seeds=[seeds[i] for i in group])
         return batch
 
     def _replace_renders(
-        self, batch: Batch, chosen: list[int], held_out: bool, has_depth: bool, has_alpha: bool, seeds: list[int]
+        self, batch: Batch, indices: list[int], held_out: bool, has_depth: bool, has_alpha: bool, seeds: list[int]
     ) -> Batch:
-        views, index = batch.views, torch.tensor(chosen)
+        views, index = batch.views, torch.tensor(indices)
 
         def known(plane: Tensor | None, is_known: bool) -> Tensor | None:
             return plane[index] if plane is not None and is_known else None
@@ -97,7 +97,7 @@ class Simulation:
         return dataclasses.replace(batch, views=dataclasses.replace(views, render=render, depth=depth, alpha=alpha))
 
 
-def _known(sample: Sample) -> tuple[bool, bool, bool]:
+def _known_parts(sample: Sample) -> tuple[bool, bool, bool]:
     return sample.held_out, sample.has_depth, sample.has_alpha
 
 

@@ -17,7 +17,7 @@ from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import Run, effective_config
 from gaussian_enhancer.train.processes import launched_externally
 
-SPAWNED = ("auto", "ddp", "ddp_spawn")
+SPAWN_STRATEGIES = ("auto", "ddp", "ddp_spawn")
 """Strategies for which a job starts its processes itself; all others are left to Lightning."""
 
 
@@ -96,9 +96,9 @@ def _callbacks(cfg: DictConfig, job: Run, checkpoint: str) -> list[Any]:
 
 def _image_logger(loggers: list[Any]) -> list[Any]:
     """The callback that logs tables and images, if a logger accepts them."""
-    from gaussian_enhancer.train.validation_images import ABLE, ValidationImages
+    from gaussian_enhancer.train.validation_images import IMAGE_LOGGERS, ValidationImages
 
-    return [ValidationImages(loggers)] if any(isinstance(logger, ABLE) for logger in loggers) else []
+    return [ValidationImages(loggers)] if any(isinstance(logger, IMAGE_LOGGERS) for logger in loggers) else []
 
 
 def result_configuration(cfg: DictConfig) -> DictConfig:
@@ -121,7 +121,7 @@ def result_configuration(cfg: DictConfig) -> DictConfig:
 
 def spawns_processes(cfg: DictConfig) -> bool:
     """Whether the job itself starts the processes of a multi-process training, and not Lightning's strategy."""
-    return cfg.trainer.get("strategy", "auto") in SPAWNED
+    return cfg.trainer.get("strategy", "auto") in SPAWN_STRATEGIES
 
 
 def spawn_count(cfg: DictConfig) -> int:
@@ -154,7 +154,7 @@ def device_count(cfg: DictConfig) -> int:
 
 
 @contextmanager
-def stopped_by_ctrl_c(trainer: Any) -> Iterator[None]:
+def raise_interrupt(trainer: Any) -> Iterator[None]:
     """Context in which Ctrl-C raises KeyboardInterrupt while a trainer works.
 
     Lightning would end the process with exit code 1 instead, and leave Ctrl-C without effect afterwards.
@@ -175,7 +175,7 @@ def stopped_by_ctrl_c(trainer: Any) -> Iterator[None]:
             signal.signal(signal.SIGINT, handler)
 
 
-def quieten() -> None:
+def silence_lightning() -> None:
     """Silence Lightning's routine messages."""
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     logging.getLogger("lightning.fabric").setLevel(logging.WARNING)

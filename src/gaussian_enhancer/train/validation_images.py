@@ -17,7 +17,7 @@ from gaussian_enhancer.train.module import ValidationMetrics
 from gaussian_enhancer.train.share import gather
 from gaussian_enhancer.types import Batch, quantise_8_bit
 
-ABLE = (WandbLogger, TensorBoardLogger)
+IMAGE_LOGGERS = (WandbLogger, TensorBoardLogger)
 """Loggers that accept images; wandb's accepts tables as well."""
 
 
@@ -30,12 +30,12 @@ class ValidationImages(Callback):
     """
 
     def __init__(self, loggers: Sequence[Logger], images: int = 4) -> None:
-        self.loggers, self.images = [logger for logger in loggers if isinstance(logger, ABLE)], images
-        self.kept: list[tuple[int, str, Tensor]] = []
+        self.loggers, self.images = [logger for logger in loggers if isinstance(logger, IMAGE_LOGGERS)], images
+        self.pending_images: list[tuple[int, str, Tensor]] = []
 
     def on_validation_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Clear the images of the last validation."""
-        self.kept = []
+        self.pending_images = []
 
     def on_validation_batch_end(
         self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Batch, batch_idx: int, *_: int
@@ -54,15 +54,15 @@ class ValidationImages(Callback):
         stride = max(1, len(trainer.val_dataloaders.dataset) // self.images)  # type: ignore[union-attr]
         if self.loggers and position % stride == 0 and position // stride < self.images:
             raw = quantise_8_bit(upsample_bicubic(batch.views.render, pl_module.network.scale))  # type: ignore[arg-type,union-attr]
-            self.kept.append((position, batch.names[0], side_by_side(raw[0], enhanced[0], batch.photo[0])))
+            self.pending_images.append((position, batch.names[0], side_by_side(raw[0], enhanced[0], batch.photo[0])))
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Log the table and the kept images, in the first process only."""
         if not self.loggers:
             return
-        shown = sorted(gather(self.kept), key=lambda one: one[0])
-        self.kept = []
-        judged: list[ValidationMetrics] = pl_module.judged  # type: ignore[assignment]
+        shown = sorted(gather(self.pending_images), key=lambda one: one[0])
+        self.pending_images = []
+        judged: list[ValidationMetrics] = pl_module.view_metrics  # type: ignore[assignment]
         if not trainer.is_global_zero or trainer.sanity_checking or not judged:
             return
         names, images = [name for _, name, _ in shown], [image for _, _, image in shown]

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.video.encode import pyav
+from gaussian_enhancer.video.encode import load_pyav
 
 REMEDY = "give a video that FFmpeg can read"
 
@@ -29,7 +29,7 @@ class Clip:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self._library = pyav()
+        self._library = load_pyav()
         if not self.path.is_file():
             raise InputError(self.path, "does not exist", "give a video file")
         try:

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import unwritable, whole_file
+from gaussian_enhancer.files import atomic_write, to_write_error
 from gaussian_enhancer.optional_library import optional_library
 from gaussian_enhancer.scene.image_files import to_bytes
 
@@ -68,7 +68,7 @@ class Encoding:
         Raises:
             InputError: PyAV is not installed, its FFmpeg has no such encoder, or the container holds no such sound.
         """
-        library = pyav()
+        library = load_pyav()
         name = CODECS[self.container]
         alternatives = ", ".join(choice for choice in CODECS if choice != self.container)
         try:
@@ -103,7 +103,7 @@ class VideoWriter:
     """
 
     def __init__(self, path: Path, encoding: Encoding, height: int, width: int) -> None:
-        library = pyav()
+        library = load_pyav()
         self.path, self.encoding = path, encoding
         options = {"flush_packets": "1"}  # write packets at once: a fragment without its end would not be playable
         if encoding.container == "mp4":
@@ -113,7 +113,7 @@ class VideoWriter:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._container = library.open(str(path), "w", format=encoding.container, options=options)
         except OSError as error:
-            raise unwritable(path, error) from error
+            raise to_write_error(path, error) from error
         rate = Fraction(encoding.fps).limit_denominator(1001)
         stream: Any = self._container.add_stream(CODECS[encoding.container], rate=rate)
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
@@ -154,9 +154,9 @@ class VideoWriter:
         Raises:
             InputError: the disk is full, or the file cannot be written.
         """
-        library = pyav()
+        library = load_pyav()
         options = {"movflags": "faststart"} if self.encoding.container == "mp4" else {}
-        with whole_file(path) as temporary:
+        with atomic_write(path) as temporary:
             try:
                 with ExitStack() as files:
                     pictures = files.enter_context(library.open(str(self.path)))
@@ -173,11 +173,11 @@ class VideoWriter:
                         packet.stream = stream
                         target.mux(packet)
             except OSError as error:
-                raise unwritable(path, error) from error
+                raise to_write_error(path, error) from error
         self.path.unlink(missing_ok=True)
 
     def _encode(self, values: np.ndarray) -> None:
-        picture: Any = pyav().VideoFrame.from_ndarray(values, format="rgb24")
+        picture: Any = load_pyav().VideoFrame.from_ndarray(values, format="rgb24")
         picture = picture.reformat(format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG")
         picture.pts, self._frames = self._frames, self._frames + 1
         self._container.mux(self._stream.encode(picture))
@@ -192,7 +192,7 @@ class VideoWriter:
         try:
             work()
         except OSError as error:
-            raise unwritable(self.path, error) from error
+            raise to_write_error(self.path, error) from error
 
 
 def _packets(given: Any, stream: Any) -> Iterator[tuple[Any, Any]]:
@@ -213,7 +213,7 @@ def _speed(container: str) -> dict[str, str]:
     return {"b:v": "0", "deadline": "good", "cpu-used": "4", "row-mt": "1"} if container == "webm" else {}
 
 
-def pyav() -> Any:
+def load_pyav() -> Any:
     """Import PyAV, an optional library.
 
     Raises:

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.align.alignment import Pixels
-from gaussian_enhancer.align.references import Pool, ReferenceConfig, read_target
+from gaussian_enhancer.align.alignment import LoadedView
+from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.path_references import PathReferences
@@ -39,7 +39,7 @@ class RenderedFrame:
 
     index: int
     view: RenderedView
-    target: Pixels | None
+    target: LoadedView | None
     kept: tuple[Float[Tensor, "3 H W"], tuple[str, ...]] | None
 
 
@@ -86,7 +86,7 @@ class Film:
         enhancer: SetEnhancer,
         rendered: RenderedSet,
         planner: Planner | None,
-        pool: Pool,
+        pool: ReferencePool,
         folder: FrameFolder,
         show_renders: bool = False,
         overlapped: bool | None = None,
@@ -137,26 +137,26 @@ class Film:
             target = read_target(view) if self._needs_render(index) else None
             if self.stored[index]:
                 stored_frame = self.folder.read(index), self.folder.candidates(index)
-                _go_on_from(config, stored_frame[1])
+                _restore_candidates(config, stored_frame[1])
                 yield RenderedFrame(index, view, target, stored_frame)
                 continue
             if target is not None:
-                for candidate in config.nearest(target, view, self.pool):
+                for candidate in config.nearest_candidates(target, view, self.pool):
                     self.pool.read(candidate, config.fine)
             yield RenderedFrame(index, view, target, None)
 
-    def enhance_frames(self, drawn: Iterable[RenderedFrame]) -> Iterator[Frame]:
+    def enhance_frames(self, rendered_frames: Iterable[RenderedFrame]) -> Iterator[Frame]:
         """Second stage: enhance and smooth the frames that were not on disk.
 
         Args:
-            drawn: output of the first stage.
+            rendered_frames: output of the first stage.
         """
         previous: PreviousChange | None = None
         config = self.enhancer.reference_config
-        for frame in drawn:
+        for frame in rendered_frames:
             if frame.kept is not None:
                 image, candidates = frame.kept
-                _go_on_from(config, candidates)
+                _restore_candidates(config, candidates)
             else:
                 image = self._enhance(frame.view, previous)
                 candidates = tuple(config.kept) if isinstance(config, PathReferences) else ()
@@ -199,6 +199,6 @@ def _copy_config(config: ReferenceConfig) -> ReferenceConfig:
     return replace(config, kept=list(config.kept)) if isinstance(config, PathReferences) else config
 
 
-def _go_on_from(config: ReferenceConfig, candidates: tuple[str, ...]) -> None:
+def _restore_candidates(config: ReferenceConfig, candidates: tuple[str, ...]) -> None:
     if isinstance(config, PathReferences):
         config.kept[:] = candidates

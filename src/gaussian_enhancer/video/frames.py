@@ -13,7 +13,7 @@ from PIL import Image, PngImagePlugin
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.scene.image_files import to_bytes
 from gaussian_enhancer.scene.photos import read_photo
 
@@ -58,7 +58,7 @@ class FrameFolder:
         values = to_bytes(image)
         png_info = PngImagePlugin.PngInfo()
         png_info.add_text(CANDIDATES, json.dumps(list(candidates)))
-        with whole_file(self.folder / frame_name(index)) as temporary:
+        with atomic_write(self.folder / frame_name(index)) as temporary:
             Image.fromarray(values).save(temporary, compress_level=3, pnginfo=png_info)
 
     def read(self, index: int) -> Float[Tensor, "3 h w"]:

@@ -36,7 +36,7 @@ def refuse_taken(host: str, port: int) -> None:
             raise InputError(f"port={port}", received, "give another port, or port=0 for a free one") from error
 
 
-def library() -> Any:
+def load_viser() -> Any:
     """Import viser, an optional library.
 
     Raises:

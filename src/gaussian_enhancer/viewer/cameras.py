@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import Camera
 
-LEAST = 16
+MIN_SIDE = 16
 """Smallest side of a picture in pixels."""
-NARROWEST = 8.0
+MAX_SIDE_RATIO = 8.0
 """Largest ratio of a picture's sides."""
 
 
@@ -50,7 +50,7 @@ class PageCamera:
         fov = 2 * math.atan(camera.height / (2 * float(camera.K[1, 1])))
         return cls(position, (float(w), float(x), float(y), float(z)), fov, camera.width / camera.height)
 
-    def at(self, width: int) -> Camera:
+    def to_camera(self, width: int) -> Camera:
         """Convert to the camera of a picture of a given width.
 
         Args:
@@ -63,8 +63,8 @@ class PageCamera:
         """
         if not (np.isfinite([*self.position, *self.wxyz]).all() and any(self.wxyz) and 0 < self.fov < math.pi):
             raise InputError("the page's camera", f"is {self}", "reset the view")
-        width = max(LEAST, width // 2 * 2)
-        height = max(LEAST, round(width / min(max(self.aspect, 1 / NARROWEST), NARROWEST) / 2) * 2)
+        width = max(MIN_SIDE, width // 2 * 2)
+        height = max(MIN_SIDE, round(width / min(max(self.aspect, 1 / MAX_SIDE_RATIO), MAX_SIDE_RATIO) / 2) * 2)
         focal = height / (2 * math.tan(self.fov / 2))
         w, x, y, z = self.wxyz
         rotation = Rotation.from_quat([x, y, z, w]).as_matrix().T
@@ -73,7 +73,7 @@ class PageCamera:
         K = torch.tensor([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
         return Camera(K, torch.from_numpy(pose).float(), height, width)
 
-    def narrowed(self) -> "PageCamera":
+    def middle_half(self) -> "PageCamera":
         """The camera of the middle half of the picture's columns."""
         return dataclasses.replace(self, aspect=self.aspect / 2)
 

@@ -12,7 +12,7 @@ from gaussian_enhancer.viewer.modes import MODES, Mode
 from gaussian_enhancer.viewer.session import Session, SessionChoice
 from gaussian_enhancer.viewer.stage import StageView
 
-TRAINED = "as in training"
+AS_TRAINED = "as in training"
 MOST_REFERENCES = 8
 SECONDS = (1.0, 60.0, 8.0)
 """Duration of a path in seconds: smallest, largest and initial value."""
@@ -25,10 +25,10 @@ class Controls:
         server: viser's server.
         session: the session whose choices are offered.
         mode: initial mode.
-        changed: called when a choice changes.
+        on_change: called when a choice changes.
     """
 
-    def __init__(self, server: Any, session: Session, mode: Mode, changed: Callable[[], None]) -> None:
+    def __init__(self, server: Any, session: Session, mode: Mode, on_change: Callable[[], None]) -> None:
         gui, initial = server.gui, session.first
         self.status = gui.add_markdown("Waiting for the first picture.")
         with gui.add_folder("Show"):
@@ -40,8 +40,8 @@ class Controls:
             self._splat = gui.add_dropdown("splat", choices.splats, initial_value=initial.splat)
             self._weights = gui.add_dropdown("weights", choices.weights, initial_value=initial.weights)
             self.strength = gui.add_slider("strength", 0.0, 1.0, 0.01, session.strength(initial))
-            counts = [TRAINED, *map(str, range(MOST_REFERENCES + 1))]
-            initial_count = TRAINED if initial.max_references is None else str(initial.max_references)
+            counts = [AS_TRAINED, *map(str, range(MOST_REFERENCES + 1))]
+            initial_count = AS_TRAINED if initial.max_references is None else str(initial.max_references)
             self._references = gui.add_dropdown(
                 "references", counts, initial_value=initial_count, hint="photos a view may use"
             )
@@ -59,7 +59,7 @@ class Controls:
         self.show_count(0)
         controls = (self._mode, self._wipe, self._splat, self._weights, self.strength, self._references, self._plan)
         for control in controls:
-            control.on_update(lambda _: changed())
+            control.on_update(lambda _: on_change())
 
     @property
     def mode(self) -> Mode:
@@ -81,7 +81,7 @@ class Controls:
         for control in (self._splat, self._weights, self._references, self._plan):
             if control.value not in control.options:
                 raise InputError("the page", f"asks for {control.value!r}", "choose what it offers")
-        count = None if self._references.value == TRAINED else int(self._references.value)
+        count = None if self._references.value == AS_TRAINED else int(self._references.value)
         strength = float(self.strength.value)
         return SessionChoice(self._splat.value, self._weights.value, self._plan.value, count, strength)
 

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.network.pyramid import upsample_bicubic
-from gaussian_enhancer.report.figures import colour_map, error
+from gaussian_enhancer.report.figures import absolute_error, colour_map
 from gaussian_enhancer.types import usable_depth
 from gaussian_enhancer.video.layout import Layout
 from gaussian_enhancer.viewer.stage import StageView
@@ -26,7 +26,7 @@ MODES = {
     "depth": "Near is light, far is dark; black: nothing is there.",
 }
 """The modes by name, with the legend of each."""
-LARGEST = 0.2
+MAX_DIFFERENCE = 0.2
 """Colour difference that the difference map shows in its lightest colour; larger ones are clamped."""
 OUTER = 0.02
 """Share of the pixels below the depth map's range of inverse depth, and share of those above it."""
@@ -64,7 +64,7 @@ class Mode:
         return self.name not in ("render", "depth")
 
     @property
-    def halves(self) -> bool:
+    def splits_width(self) -> bool:
         """Whether two views share the picture's width."""
         return self.name == "side_by_side"
 
@@ -84,7 +84,7 @@ class Mode:
         scale = view.enhanced.shape[-1] // view.render.shape[-1]
         render = upsample_bicubic(view.render[None], scale)[0].clamp(0, 1)
         if self.name == "difference":
-            return apply_colour_map(error(view.enhanced, render) / LARGEST)
+            return apply_colour_map(absolute_error(view.enhanced, render) / MAX_DIFFERENCE)
         return Layout(self.name, self.wipe)(render, view.enhanced, 0.0)
 
 

@@ -45,7 +45,7 @@ class PageSettings:
 
 
 @dataclass(frozen=True)
-class _Shown:
+class _ShownPicture:
     """Picture that a browser shows, and the view that it was made of.
 
     Args:
@@ -71,19 +71,19 @@ class Page:
         session: the session that is shown.
         saved: files of saved views and paths.
         settings: settings of the page.
-        told: called with each message for the user at the terminal.
+        notify: called with each message for the user at the terminal.
     """
 
     def __init__(
-        self, server: Any, session: Session, saved: SavedFiles, settings: PageSettings, told: Callable[[str], None]
+        self, server: Any, session: Session, saved: SavedFiles, settings: PageSettings, notify: Callable[[str], None]
     ) -> None:
-        self.server, self.session, self.saved, self.settings, self.told = server, session, saved, settings, told
-        self.worker = Worker(self._draw_or_tell)
+        self.server, self.session, self.saved, self.settings, self.told = server, session, saved, settings, notify
+        self.worker = Worker(self._draw_or_notify)
         self.controls = Controls(server, session, settings.mode, self._on_change)
         self._bind()
-        self._shown: dict[Hashable, _Shown] = {}
+        self._shown: dict[Hashable, _ShownPicture] = {}
         self._refused: defaultdict[Hashable, set[str]] = defaultdict(set)
-        self._kept: list[PageCamera] = []
+        self._path_cameras: list[PageCamera] = []
         self._frame, self._weights = 0, session.first.weights
         self._photo: RenderedView | None = None
         server.on_client_connect(self._on_connect)
@@ -120,7 +120,7 @@ class Page:
         for viewer in self.server.get_clients():
             self.worker.content_changed(viewer)
 
-    def _draw_or_tell(self, viewer: Hashable, full: bool, superseded: Callable[[], bool]) -> None:
+    def _draw_or_notify(self, viewer: Hashable, full: bool, superseded: Callable[[], bool]) -> None:
         client = self.server.get_clients().get(viewer)
         if client is None:
             return
@@ -137,8 +137,8 @@ class Page:
         mode, choice, camera = self.controls.mode, self._choice(), _page_camera(client)
         largest_width = self.settings.width if full else self.settings.moving_width
         width = min(largest_width, client.camera.image_width)
-        view_camera = camera.narrowed().at(width // 2) if mode.halves else camera.at(width)
-        key = (choice, camera, view_camera.width, mode.halves)
+        view_camera = camera.middle_half().to_camera(width // 2) if mode.splits_width else camera.to_camera(width)
+        key = (choice, camera, view_camera.width, mode.splits_width)
         previous = self._shown.get(client.client_id)
         if previous is not None and previous.key == key and (previous.view.enhanced is not None or not mode.enhances):
             view: StageView | None = previous.view
@@ -147,7 +147,7 @@ class Page:
         if view is None:
             return False
         picture = mode(view)
-        self._shown[client.client_id] = _Shown(key, view, picture, camera, full)
+        self._shown[client.client_id] = _ShownPicture(key, view, picture, camera, full)
         if client.client_id not in self.server.get_clients():
             return False  # the browser disconnected while its view was drawn
         client.scene.set_background_image(to_bytes(picture), format="jpeg", jpeg_quality=QUALITY[full])
@@ -172,7 +172,7 @@ class Page:
         return choice
 
     def _show_photo(self, choice: SessionChoice, camera: Camera) -> None:
-        photo = self.session.stage(choice).nearest(camera)
+        photo = self.session.stage(choice).nearest_photo(camera)
         if photo is None or photo.read_photo is None:
             return
         if self._photo is None or photo.name != self._photo.name:
@@ -202,23 +202,23 @@ class Page:
         if shown is None or not shown.full or shown.camera != _page_camera(client):
             raise InputError("view", "is being drawn", "save it when the picture is at full size")
         height, width = shown.picture.shape[-2:]
-        camera = replace(shown.camera, aspect=width / height).at(width)
-        return f"saved {self.saved.view(shown.picture, camera)}"
+        camera = replace(shown.camera, aspect=width / height).to_camera(width)
+        return f"saved {self.saved.save_view(shown.picture, camera)}"
 
     def _add_camera(self, client: Any) -> str:
-        self._kept.append(_page_camera(client))
-        self.controls.show_count(len(self._kept))
+        self._path_cameras.append(_page_camera(client))
+        self.controls.show_count(len(self._path_cameras))
         return ""
 
     def _clear_path(self, client: Any) -> str:
-        self._kept.clear()
+        self._path_cameras.clear()
         self.controls.show_count(0)
         return ""
 
     def _save_path(self, client: Any) -> str:
         seconds = float(self.controls.seconds.value)
-        cameras = path_through_cameras(tuple(self._kept), self.settings.width, seconds, self.session.cameras)
-        file = self.saved.path(cameras, len(cameras) / seconds)
+        cameras = path_through_cameras(tuple(self._path_cameras), self.settings.width, seconds, self.session.cameras)
+        file = self.saved.save_path(cameras, len(cameras) / seconds)
         return f"saved {file}: gaussian-enhancer video path={file} makes a video of it"
 
     def _go_to_photo(self, client: Any) -> str:

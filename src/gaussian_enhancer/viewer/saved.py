@@ -35,7 +35,7 @@ class SavedFiles:
         if self.folder.is_file():
             raise InputError(self.folder, "cannot be written: it is a file", "name a folder")
 
-    def view(self, picture: Float[Tensor, "3 _ _"], camera: Camera) -> Path:
+    def save_view(self, picture: Float[Tensor, "3 _ _"], camera: Camera) -> Path:
         """Save a picture as ``view_NNN.png``, and its camera as a path of one frame, ``view_NNN.json``.
 
         Args:
@@ -50,7 +50,7 @@ class SavedFiles:
         write_image(file, picture)
         return file
 
-    def path(self, cameras: Sequence[Camera], fps: float) -> Path:
+    def save_path(self, cameras: Sequence[Camera], fps: float) -> Path:
         """Save a camera path as ``path_NNN.json``.
 
         Args:
@@ -91,7 +91,9 @@ def path_through_cameras(
     """
     if len(kept) < 2:
         raise InputError("camera path", f"passes {len(kept)} cameras", "add the cameras it shall pass, at least 2")
-    waypoints = [PageCamera(camera.position, camera.wxyz, camera.fov, kept[0].aspect).at(width) for camera in kept]
+    waypoints = [
+        PageCamera(camera.position, camera.wxyz, camera.fov, kept[0].aspect).to_camera(width) for camera in kept
+    ]
     path = smooth_path(waypoints, max(2, round(seconds * fps)), even_speed=True)
     refuse_outside(path, capture, "camera path")
     return path

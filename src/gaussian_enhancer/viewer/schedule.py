@@ -9,14 +9,14 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import partial
 
-SETTLED = 0.25
+SETTLE_SECONDS = 0.25
 """Seconds without a movement after which a camera is still."""
-ARRIVAL = 1.0
+INITIAL_MOVE_SECONDS = 1.0
 """Seconds in which a new browser moves its camera to the initial pose."""
 
 
 @dataclass
-class _Due:
+class _PendingViews:
     """Pending views of one viewer: whether a small one is due at once, and when the full one is due."""
 
     small: bool
@@ -43,12 +43,12 @@ class ViewSchedule:
     """Pending views by viewer. A new camera replaces pending views that are not being drawn yet.
 
     Args:
-        settled: seconds without a movement after which a camera is still.
+        settle_seconds: seconds without a movement after which a camera is still.
     """
 
-    def __init__(self, settled: float = SETTLED) -> None:
-        self.settled = settled
-        self._due: dict[Hashable, _Due] = {}
+    def __init__(self, settle_seconds: float = SETTLE_SECONDS) -> None:
+        self.settled = settle_seconds
+        self._pending: dict[Hashable, _PendingViews] = {}
         self._versions: dict[Hashable, int] = {}
 
     def add_viewer(self, viewer: Hashable, now: float) -> None:
@@ -58,7 +58,7 @@ class ViewSchedule:
             viewer: the viewer.
             now: the present time.
         """
-        self._due[viewer] = _Due(False, now + ARRIVAL, self._next(viewer))
+        self._pending[viewer] = _PendingViews(False, now + INITIAL_MOVE_SECONDS, self._next(viewer))
 
     def camera_moved(self, viewer: Hashable, now: float) -> None:
         """Register a movement of a viewer's camera: a small view is due at once, a full one when the camera is still.
@@ -67,7 +67,7 @@ class ViewSchedule:
             viewer: the viewer.
             now: the present time.
         """
-        self._due[viewer] = _Due(True, now + self.settled, self._next(viewer))
+        self._pending[viewer] = _PendingViews(True, now + self.settled, self._next(viewer))
 
     def content_changed(self, viewer: Hashable, now: float) -> None:
         """Register a change of what is shown, with the same camera.
@@ -79,13 +79,13 @@ class ViewSchedule:
             viewer: the viewer.
             now: the present time.
         """
-        pending = self._due.get(viewer)
+        pending = self._pending.get(viewer)
         moving = pending is not None and pending.small
-        self._due[viewer] = _Due(moving, now + self.settled if moving else now, self._next(viewer))
+        self._pending[viewer] = _PendingViews(moving, now + self.settled if moving else now, self._next(viewer))
 
     def remove_viewer(self, viewer: Hashable) -> None:
         """Remove a viewer that disconnected."""
-        self._due.pop(viewer, None)
+        self._pending.pop(viewer, None)
         self._versions.pop(viewer, None)
 
     def take(self, now: float) -> ViewTask | None:
@@ -94,20 +94,20 @@ class ViewSchedule:
         Args:
             now: the present time.
         """
-        for viewer, due in self._due.items():
+        for viewer, due in self._pending.items():
             if due.small:
-                self._due.pop(viewer)  # inserted again at the end, so that viewers take turns
-                self._due[viewer] = _Due(False, due.full_at, due.version)
+                self._pending.pop(viewer)  # inserted again at the end, so that viewers take turns
+                self._pending[viewer] = _PendingViews(False, due.full_at, due.version)
                 return ViewTask(viewer, False, due.version)
-        for viewer, due in self._due.items():
+        for viewer, due in self._pending.items():
             if due.full_at <= now:
-                self._due.pop(viewer)
+                self._pending.pop(viewer)
                 return ViewTask(viewer, True, due.version)
         return None
 
     def wait(self, now: float) -> float | None:
         """Seconds until a view is due; None where none is pending."""
-        times = [now if due.small else due.full_at for due in self._due.values()]
+        times = [now if due.small else due.full_at for due in self._pending.values()]
         return max(0.0, min(times) - now) if times else None
 
     def is_superseded(self, task: ViewTask) -> bool:
@@ -173,14 +173,14 @@ class Worker:
         with self._condition:
             self._schedule.remove_viewer(viewer)
 
-    def _report(self, how: Callable[[Hashable, float], None], viewer: Hashable) -> None:
+    def _report(self, register: Callable[[Hashable, float], None], viewer: Hashable) -> None:
         with self._condition:
-            how(viewer, time.monotonic())
+            register(viewer, time.monotonic())
             self._condition.notify()
 
     def _run(self) -> None:
         try:
-            while (task := self._due()) is not None:
+            while (task := self._next_task()) is not None:
                 self._draw(task.viewer, task.full, partial(self._superseded, task))
         except BaseException as error:  # raised by `wait`, in the thread that can end the program
             self._error = error
@@ -193,7 +193,7 @@ class Worker:
         with self._condition:
             return self._stopped or self._schedule.is_superseded(task)
 
-    def _due(self) -> ViewTask | None:
+    def _next_task(self) -> ViewTask | None:
         with self._condition:
             while not self._stopped:
                 now = time.monotonic()

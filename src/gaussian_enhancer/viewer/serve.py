@@ -11,13 +11,13 @@ import torch
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import Camera, usable_depth
-from gaussian_enhancer.viewer.address import library, refuse_taken
+from gaussian_enhancer.viewer.address import load_viser, refuse_taken
 from gaussian_enhancer.viewer.cameras import PageCamera, upward
 from gaussian_enhancer.viewer.page import Page, PageSettings
 from gaussian_enhancer.viewer.saved import SavedFiles
 from gaussian_enhancer.viewer.session import Session
 
-FIRST_WIDTH = 160
+DEPTH_RENDER_WIDTH = 160
 """Width in pixels of the render whose depth gives the distance of the point that the camera orbits."""
 
 
@@ -41,7 +41,7 @@ def serve_page(
     Raises:
         InputError: viser is not installed, or no server can listen at the address.
     """
-    viser, (host, port) = library(), address
+    viser, (host, port) = load_viser(), address
     logging.getLogger("websockets").setLevel(logging.CRITICAL)  # do not report stray connections to the user
     refuse_taken(host, port)
     with redirect_stdout(io.StringIO()):  # viser prints the address, which is yielded below
@@ -50,8 +50,8 @@ def serve_page(
         bound_port = server.get_port()
         if port not in (0, bound_port):
             raise InputError(f"port={port}", "is in use", "give another port, or port=0 for a free one")
-        _without_sharing(server)
-        _aim(server, session)
+        _disable_sharing(server)
+        _set_initial_camera(server, session)
         page = Page(server, session, saved, settings, told)
         page.worker.start()
         try:
@@ -62,28 +62,28 @@ def serve_page(
         _stop(server)
 
 
-def _without_sharing(server: Any) -> None:
+def _disable_sharing(server: Any) -> None:
     """Disable viser's sharing (button and request), which publishes the page through third-party servers."""
     server.gui.configure_theme(show_share_button=False, show_logo=False)
     server.gui.main_panel.dock_right()  # beside the picture, not over it
     server.request_share_url = lambda *_, **__: None
 
 
-def _aim(server: Any, session: Session) -> None:
+def _set_initial_camera(server: Any, session: Session) -> None:
     """Set the initial camera of browsers to the capture's first camera, orbiting the point that it looks at."""
     camera = session.cameras[0]
     page_camera = PageCamera.of(camera)
     server.scene.set_up_direction(tuple(upward(session.cameras)))
     initial_camera = server.initial_camera
     initial_camera.position, initial_camera.fov = page_camera.position, page_camera.fov
-    initial_camera.look_at = tuple((camera.centre + distance(session, page_camera) * camera.forward).tolist())
+    initial_camera.look_at = tuple((camera.centre + focus_distance(session, page_camera) * camera.forward).tolist())
     initial_camera.near, initial_camera.far = (
-        1e-4 * distance(session, page_camera),
-        1e4 * distance(session, page_camera),
+        1e-4 * focus_distance(session, page_camera),
+        1e4 * focus_distance(session, page_camera),
     )
 
 
-def distance(session: Session, camera: PageCamera) -> float:
+def focus_distance(session: Session, camera: PageCamera) -> float:
     """Distance to what a camera looks at, in scene units: the median depth in the middle of its picture.
 
     Where the middle shows nothing, it is the median depth of the whole picture, else the spread of the capture's
@@ -93,7 +93,7 @@ def distance(session: Session, camera: PageCamera) -> float:
         session: the session that is shown.
         camera: camera of the page.
     """
-    picture_camera: Camera = camera.at(FIRST_WIDTH)
+    picture_camera: Camera = camera.to_camera(DEPTH_RENDER_WIDTH)
     view = session.draw(session.first, picture_camera, enhance=False)
     if view is None:
         raise ValueError("a view that nothing takes the place of is drawn")

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.plan import Rules
 from gaussian_enhancer.types import Camera
-from gaussian_enhancer.viewer.stage import Stage, StageView, never
+from gaussian_enhancer.viewer.stage import Stage, StageView, never_superseded
 
-KEPT = 4
+STAGE_CACHE_SIZE = 4
 """Number of stages that stay in memory."""
 
 
@@ -61,7 +61,7 @@ class Session:
         name: name of the capture.
         cameras: cameras of the capture's photos, at least one.
         choices: choices that the page offers.
-        first: initial choice.
+        initial_choice: initial choice.
         open_stage: builds the stage of a choice.
     """
 
@@ -70,10 +70,10 @@ class Session:
         name: str,
         cameras: Sequence[Camera],
         choices: Choices,
-        first: SessionChoice,
+        initial_choice: SessionChoice,
         open_stage: Callable[[SessionChoice], Stage],
     ) -> None:
-        self.name, self.cameras, self.choices, self.first = name, tuple(cameras), choices, first
+        self.name, self.cameras, self.choices, self.first = name, tuple(cameras), choices, initial_choice
         self._open = open_stage
         self._stages: OrderedDict[tuple[object, ...], tuple[Stage, float]] = OrderedDict()
 
@@ -99,7 +99,11 @@ class Session:
         return self.stage(choice).enhancer.strength
 
     def draw(
-        self, choice: SessionChoice, camera: Camera, enhance: bool = True, superseded: Callable[[], bool] = never
+        self,
+        choice: SessionChoice,
+        camera: Camera,
+        enhance: bool = True,
+        superseded: Callable[[], bool] = never_superseded,
     ) -> StageView | None:
         """Draw the view of a camera; see `Stage.draw`.
 
@@ -114,6 +118,6 @@ class Session:
             stage = self._open(choice)
             self._stages[key] = stage, stage.enhancer.strength
         self._stages.move_to_end(key)
-        while len(self._stages) > KEPT:
+        while len(self._stages) > STAGE_CACHE_SIZE:
             self._stages.popitem(last=False)
         return self._stages[key]

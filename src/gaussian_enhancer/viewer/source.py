@@ -7,8 +7,8 @@ from pathlib import Path
 import torch
 from omegaconf import DictConfig
 
-from gaussian_enhancer.align.references import Pool
-from gaussian_enhancer.checkpoint import SHIPPED
+from gaussian_enhancer.align.references import ReferencePool
+from gaussian_enhancer.checkpoint import SHIPPED_FOLDER
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.path_references import PathReferences
@@ -25,7 +25,7 @@ from gaussian_enhancer.viewer.session import Choices, Session, SessionChoice
 from gaussian_enhancer.viewer.stage import Stage
 
 RAW, DISTILLED = "raw", "distilled"
-GIVEN = "given"
+CONFIGURED_PLAN = "given"
 """Name of a plan that is neither `auto` nor `full`."""
 
 
@@ -40,19 +40,19 @@ def open_session(cfg: DictConfig, device: torch.device) -> Session:
         InputError: the input cannot be read, weights are missing, or an option is out of range.
     """
     capture = open_capture(cfg, "view")
-    files = {RAW: capture.splat} | ({} if cfg.distilled is None else {DISTILLED: _file(cfg.distilled)})
+    files = {RAW: capture.splat} | ({} if cfg.distilled is None else {DISTILLED: _splat_path(cfg.distilled)})
     plans = _plans(build(cfg.plan))
     strength = None if cfg.strength is None else float(cfg.strength)
     initial_splat = DISTILLED if cfg.distilled is not None else RAW
     first = SessionChoice(initial_splat, str(cfg.weights), next(iter(plans)), cfg.max_references, strength)
     choices = Choices(tuple(files), _weights(first.weights), plans)
-    stages = _Stages(cfg, device, capture, files, plans)
+    stages = _StageBuilder(cfg, device, capture, files, plans)
     session = Session(_name(capture), capture.cameras, choices, first, stages.open)
     session.stage(first)
     return session
 
 
-class _Stages:
+class _StageBuilder:
     """Builds the stages of choices. Stages share splats, and photos that have been read.
 
     Args:
@@ -68,7 +68,7 @@ class _Stages:
     ) -> None:
         self.cfg, self.device, self.capture, self.files, self.plans = cfg, device, capture, files, plans
         self._splat = cache(self._read)
-        self._pool = cache(lambda splat, fine: Pool(self._task(splat, fine).rendered.references))
+        self._pool = cache(lambda splat, fine: ReferencePool(self._task(splat, fine).rendered.references))
         self._task = cache(self._with_photos)
 
     def open(self, choice: SessionChoice) -> Stage:
@@ -127,7 +127,7 @@ class _Stages:
         return replace(task, rendered=replace(task.rendered, targets=(example,), own_depth=True))
 
 
-def _file(distilled: str) -> Path:
+def _splat_path(distilled: str) -> Path:
     """File of a splat, by the path of the file or of its run's folder."""
     return splat_file(distilled) if Path(distilled).is_dir() else Path(distilled)
 
@@ -135,13 +135,13 @@ def _file(distilled: str) -> Path:
 def _plans(given: Rules) -> dict[str, Rules]:
     """Plans to choose from; the configured one is the first."""
     known = {"auto": AUTO, "full": Rules()}
-    configured = {name: rules for name, rules in known.items() if rules == given} or {GIVEN: given}
+    configured = {name: rules for name, rules in known.items() if rules == given} or {CONFIGURED_PLAN: given}
     return {**configured, **{name: rules for name, rules in known.items() if name not in configured}}
 
 
 def _weights(given: str) -> tuple[str, ...]:
     """Weights to choose from: the configured ones first, then the shipped ones."""
-    shipped = sorted(file.stem for prefix in ("lr", "sr") for file in SHIPPED.glob(f"{prefix}_*.safetensors"))
+    shipped = sorted(file.stem for prefix in ("lr", "sr") for file in SHIPPED_FOLDER.glob(f"{prefix}_*.safetensors"))
     return tuple(dict.fromkeys((given, *shipped)))
 
 

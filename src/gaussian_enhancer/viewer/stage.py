@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.align.references import Pool, read_target
+from gaussian_enhancer.align.references import ReferencePool, read_target
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.reference_cache import ReferenceFeatures
@@ -22,7 +22,7 @@ from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import Camera, usable_depth
 
 
-def never() -> bool:
+def never_superseded() -> bool:
     """Return False: the view that is being drawn is never superseded."""
     return False
 
@@ -95,7 +95,7 @@ class Stage:
         enhancer: SetEnhancer,
         rendered: RenderedSet,
         planner: Planner | None,
-        pool: Pool,
+        pool: ReferencePool,
         uses_depth: bool = True,
     ) -> None:
         self.target, self.enhancer, self.rendered = target, enhancer, rendered
@@ -105,7 +105,9 @@ class Stage:
         self._features = ReferenceFeatures(network) if isinstance(network, CachesReferences) else None
         self._names = map("view {}.png".format, itertools.count())
 
-    def draw(self, camera: Camera, enhance: bool = True, superseded: Callable[[], bool] = never) -> StageView | None:
+    def draw(
+        self, camera: Camera, enhance: bool = True, superseded: Callable[[], bool] = never_superseded
+    ) -> StageView | None:
         """Draw the view of a camera; None where it was superseded before it was enhanced.
 
         Args:
@@ -139,7 +141,7 @@ class Stage:
         times = Times(rendering, enhanced.preparing, enhanced.enhancing)
         return StageView(*fields, enhanced.image, coverage, enhanced.references, times)
 
-    def nearest(self, camera: Camera) -> RenderedView | None:
+    def nearest_photo(self, camera: Camera) -> RenderedView | None:
         """The photo nearest to a camera by position and viewing direction; None without photos.
 
         Args:

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from ablations.ibgs.sources import LEAST, SourceChoice, Sources, exposure_map, mapped_colours, surface_points
-from gaussian_enhancer.align.references import Pool, read_target
+from gaussian_enhancer.align.references import ReferencePool, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.scene.renders import read_run
@@ -45,7 +45,7 @@ def test_the_nearest_candidates_below_the_angle_are_taken_and_never_the_view_its
 
 def test_training_views_have_no_source_of_their_own_name(plane_run):
     rendered = read_run(plane_run)
-    pool, choice = Pool(rendered.references), SourceChoice()
+    pool, choice = ReferencePool(rendered.references), SourceChoice()
     for one in rendered.references:
         names = choice.sources(one, read_target(one), pool).names
         assert one.name not in names
@@ -56,7 +56,9 @@ def test_training_views_have_no_source_of_their_own_name(plane_run):
 @pytest.mark.parametrize(("error", "seen"), [(0.0, True), (0.009, True), (0.011, False), (-0.011, False)])
 def test_a_source_must_render_the_same_depth_within_a_hundredth(error, seen):
     target = view("target", turned(0))
-    found = SourceChoice().sources(target, read_target(target), Pool([view("other", turned(0), 3 * (1 + error))]))
+    found = SourceChoice().sources(
+        target, read_target(target), ReferencePool([view("other", turned(0), 3 * (1 + error))])
+    )
     assert bool(found.visible.all()) == seen
     assert bool(found.visible.any()) == seen
     assert float(found.colours.max()) == (0.5 if seen else 0)
@@ -65,19 +67,19 @@ def test_a_source_must_render_the_same_depth_within_a_hundredth(error, seen):
 def test_at_most_three_count_at_a_pixel_the_nearest_first():
     target = view("target", turned(0))
     others = [view(f"{i}", turned(0, 0.02 * i), 3.0, 0.1 * i) for i in range(1, 6)]
-    found = SourceChoice().sources(target, read_target(target), Pool(others))
+    found = SourceChoice().sources(target, read_target(target), ReferencePool(others))
     assert found.names == ("1", "2", "3", "4")
     middle = found.visible[:, 0, 24, 32].tolist()
     assert middle == [True, True, True, False]
     assert float(found.colours[3].abs().max()) == 0
     blocked = [view("1", turned(0, 0.02), 2.0), *others[1:]]
-    found = SourceChoice().sources(target, read_target(target), Pool(blocked))
+    found = SourceChoice().sources(target, read_target(target), ReferencePool(blocked))
     assert found.visible[:, 0, 24, 32].tolist() == [False, True, True, True]
 
 
 def test_camera_features_are_those_of_the_geometry():
     target = view("target", turned(0))
-    found = SourceChoice().sources(target, read_target(target), Pool([view("other", turned(0, 0.5))]))
+    found = SourceChoice().sources(target, read_target(target), ReferencePool([view("other", turned(0, 0.5))]))
     row, column = 20, 40
     point = 3 * torch.tensor([(column + 0.5 - 32) / 64, (row + 0.5 - 24) / 64, 1.0])
     there = point - torch.tensor([0.5, 0.0, 0.0])
@@ -122,8 +124,10 @@ def test_what_is_not_known_is_refused():
         SourceChoice().nearest(target, [view("other", None)])
     blind = dataclasses.replace(target, read_depth=None)
     with pytest.raises(InputError, match="target: has no depth to find"):
-        SourceChoice().sources(blind, read_target(blind), Pool([other]))
+        SourceChoice().sources(blind, read_target(blind), ReferencePool([other]))
     with pytest.raises(InputError, match="other: has no depth to tell"):
-        SourceChoice().sources(target, read_target(target), Pool([dataclasses.replace(other, read_depth=None)]))
+        SourceChoice().sources(
+            target, read_target(target), ReferencePool([dataclasses.replace(other, read_depth=None)])
+        )
     with pytest.raises(InputError, match="tolerance: is 0"):
         SourceChoice(tolerance=0.0)

@@ -20,7 +20,7 @@ from ablations.ibgs.training import (
     train_residual,
     training_views,
 )
-from gaussian_enhancer.align.references import Pool, read_target
+from gaussian_enhancer.align.references import ReferencePool, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.renders import read_run
 
@@ -97,7 +97,7 @@ def untrained() -> TrainedResidual:
 
 def test_untrained_it_returns_the_render_and_exposure_is_an_affine_map_of_it(plane_run):
     rendered = read_run(plane_run)
-    pool = Pool(rendered.references)
+    pool = ReferencePool(rendered.references)
     for view in rendered.targets:
         target = read_target(view)
         plain = ResidualEnhancer(untrained(), exposure=False)(view, target, pool)

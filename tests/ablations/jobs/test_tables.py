@@ -15,9 +15,9 @@ from omegaconf import OmegaConf
 
 from ablations.suite import costs
 from ablations.suite import method_runs as methods
-from gaussian_enhancer.align.references import Pool, ReferenceConfig, read_target
+from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool, read_target
 from gaussian_enhancer.cli import pipeline
-from gaussian_enhancer.cli.train import with_effect
+from gaussian_enhancer.cli.train import network_configuration
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.metrics.records import read_records
@@ -183,7 +183,7 @@ def test_a_training_that_fails_is_missing_once_and_marked(copied, monkeypatch) -
 
     def failing(job) -> None:
         tried.append(job)
-        open_run(with_effect(job), "train", job.label)
+        open_run(network_configuration(job), "train", job.label)
         raise RuntimeError("out of memory")
 
     monkeypatch.setattr(methods.train, "run", failing)
@@ -220,7 +220,7 @@ def test_references_of_the_timed_plane_show_its_target() -> None:
     """They are warped onto it by depth and cameras, so that the time is that of a view as it comes."""
     seen = costs.plane(48, 64)
     target = read_target(seen.targets[0])
-    aligned = ReferenceConfig().align(target, seen.targets[0], Pool(seen.references))
+    aligned = ReferenceConfig().align(target, seen.targets[0], ReferencePool(seen.references))
     visible = aligned.visibility > 0.9
     assert visible.float().mean() > 0.7
     off = (aligned.references - target.image).abs().mean(1, keepdim=True)[visible]

@@ -7,7 +7,7 @@ import torch
 from test_sif import small
 
 from ablations.study.enhanced_views import enhanced_views
-from gaussian_enhancer.align.references import Pool, ReferenceConfig
+from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.metrics.pair import measure_pair
@@ -49,7 +49,7 @@ def test_images_are_the_enhancers_and_metrics_the_images(plane_run, enhancers):
 def test_references_are_aligned_once_for_methods_that_prepare_them_alike(plane_run, enhancers, monkeypatch):
     align, aligned = ReferenceConfig.align, []
 
-    def counted(self, target, view, pool: Pool):
+    def counted(self, target, view, pool: ReferencePool):
         aligned.append((view.name, self.references))
         return align(self, target, view, pool)
 

@@ -34,12 +34,12 @@ def test_needles_are_thin(drawn):
     assert length.max() <= 256 * module.LENGTHS[1]
     assert (length / thickness).median() > module.RATIOS[0]
     assert (length / thickness).max() <= module.RATIOS[1] * 1.001
-    assert thickness.min() >= module.THINNEST * 0.999
+    assert thickness.min() >= module.MIN_SIGMA * 0.999
 
 
 def test_the_number_follows_the_area_up_to_a_limit(drawn):
     counts = [drawn(ramp(count=1, size=size)).depth.shape[1] for size in (4, 64, 128, 400)]
-    assert counts == [1, 64**2 // module.AREA, 128**2 // module.AREA, module.MOST]
+    assert counts == [1, 64**2 // module.AREA, 128**2 // module.AREA, module.MAX_NEEDLES]
 
 
 def test_strength_scales_opacity_and_nothing_else(drawn):
@@ -74,7 +74,7 @@ def test_most_of_them_crowd_in_place_and_direction(drawn):
     turns = splats.angle
     alignment = torch.stack([(2 * turns).cos().mean(1), (2 * turns).sin().mean(1)]).norm(dim=0)
     # Uniform directions alone would reach 1 / sqrt(160) or so.
-    assert alignment.mean() > 2 / math.sqrt(module.MOST)
+    assert alignment.mean() > 2 / math.sqrt(module.MAX_NEEDLES)
     middle = splats.centre.median(dim=1, keepdim=True).values
     near = (splats.centre - middle).norm(dim=2) < 0.3 * 256
     assert near.double().mean() > 0.5  # a uniform scatter has 0.28 there

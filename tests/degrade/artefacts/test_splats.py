@@ -10,7 +10,7 @@ from gaussian_enhancer.degrade.artefacts.splats import (
     composite,
     covered_colour,
     depth_at,
-    depth_level,
+    depth_quantile,
 )
 from gaussian_enhancer.degrade.artefacts.view import View
 
@@ -60,7 +60,7 @@ def reference(view, splats, power, extent=module.EXTENT):
                 here, own = (b, slice(None), row, column), float(alpha[b, 0, row, column]) * (surface > 0)
                 image[here] = colour + through * image[here]
                 alpha[here] = 1 - (1 - alpha[here]) * through
-                if surface > 0 or 1 - through > module.HIT:
+                if surface > 0 or 1 - through > module.MIN_WEIGHT:
                     depth[here] = (far + through * own * surface) / (1 - through + through * own)
     return View(image, depth, alpha)
 
@@ -128,10 +128,10 @@ def test_surfaces_hide_what_lies_behind_them():
 
 def test_an_empty_pixel_takes_the_depth_of_splats_that_weigh_enough():
     view = View(torch.zeros(1, 3, 5, 5), torch.zeros(1, 1, 5, 5), torch.zeros(1, 1, 5, 5))
-    assert composite(view, one(7.0, 2 * module.HIT)).depth[0, 0, 2, 2] == pytest.approx(7.0, rel=1e-5)
-    weak = composite(view, one(7.0, 0.5 * module.HIT))
+    assert composite(view, one(7.0, 2 * module.MIN_WEIGHT)).depth[0, 0, 2, 2] == pytest.approx(7.0, rel=1e-5)
+    weak = composite(view, one(7.0, 0.5 * module.MIN_WEIGHT))
     assert torch.equal(weak.depth, view.depth)
-    assert weak.alpha[0, 0, 2, 2] == pytest.approx(0.5 * module.HIT)
+    assert weak.alpha[0, 0, 2, 2] == pytest.approx(0.5 * module.MIN_WEIGHT)
 
 
 def test_the_nearer_splat_hides_the_farther_whatever_their_order():
@@ -191,8 +191,8 @@ def test_looks_up_colours_and_depths():
     depth = torch.tensor([1.0, 2.0, 3.0, 0.0]).reshape(1, 1, 1, 4)
     places = torch.tensor([[[2.5, 0.5], [3.5, 0.5]]])
     assert depth_at(View(torch.zeros(1, 3, 1, 4), depth), places).tolist() == [[3.0, 2.0]]
-    assert depth_level(View(torch.zeros(1, 3, 1, 4), depth), 1.0).item() == 3
-    assert depth_level(View(torch.zeros(1, 3, 1, 4), 0 * depth)).item() == 1
+    assert depth_quantile(View(torch.zeros(1, 3, 1, 4), depth), 1.0).item() == 3
+    assert depth_quantile(View(torch.zeros(1, 3, 1, 4), 0 * depth)).item() == 1
     assert depth_at(View(torch.zeros(1, 3, 1, 4)), places).tolist() == [[1.0, 1.0]]
 
 

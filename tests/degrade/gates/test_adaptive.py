@@ -16,11 +16,11 @@ from gaussian_enhancer.degrade.gates.adaptive import (
     calibrate_on_splat,
 )
 from gaussian_enhancer.degrade.gates.calibration import (
-    MINOR,
+    MIN_RELATIVE_ENERGY,
     ROUNDING,
     STRENGTHS,
     Responses,
-    responses,
+    measure_responses,
     solve_gate,
     solve_weights,
 )
@@ -61,7 +61,7 @@ def only(chances, limits=None):
 
 @pytest.fixture(scope="module")
 def measured():
-    return responses(PHOTOS, TESTED, torch.Generator().manual_seed(0), regional=0.5, draws=8)
+    return measure_responses(PHOTOS, TESTED, torch.Generator().manual_seed(0), regional=0.5, draws=8)
 
 
 def contributions(measured, chances, limits):
@@ -90,7 +90,7 @@ def test_simulated_energies_under_the_calibrated_gate_are_the_scenes_within_a_fa
     scene = measure_fingerprint(*simulated(only(chances, limits), 144, seed=2)).energies()
     solution = (dict(zip(TESTED, values.tolist(), strict=True)) for values in solve_gate(measured, scene))
     again = measure_fingerprint(*simulated(only(*solution), 144, seed=3)).energies()
-    ratio = (again / scene)[scene > MINOR * scene.max()]
+    ratio = (again / scene)[scene > MIN_RELATIVE_ENERGY * scene.max()]
     assert len(ratio) >= 1
     assert ratio.min() > 0.5, ratio
     assert ratio.max() < 2, ratio
@@ -193,15 +193,15 @@ def test_chances_and_limits_hold():
 def test_types_that_a_scene_does_not_show_are_named_and_never_drawn():
     scene = measure_fingerprint(*simulated(only({"noise": 1.0}), 8, seed=4))
     gate = calibrate_gate(scene, PHOTOS[:2], torch.Generator().manual_seed(0), types=SWITCHES, held_out={})
-    assert {"needle", "jpeg"} <= set(gate.left_out)
-    assert "noise" not in gate.left_out
+    assert {"needle", "jpeg"} <= set(gate.disabled_types)
+    assert "noise" not in gate.disabled_types
     generator = torch.Generator().manual_seed(0)
     seen = {step.type for _ in range(500) for step in gate.draw(generator)}
-    assert not seen & set(gate.left_out)
-    assert seen | set(gate.left_out) >= set(TESTED)
-    assert gate.table().splitlines()[-1] == f"left out: {', '.join(gate.left_out)}"
+    assert not seen & set(gate.disabled_types)
+    assert seen | set(gate.disabled_types) >= set(TESTED)
+    assert gate.table().splitlines()[-1] == f"left out: {', '.join(gate.disabled_types)}"
     everything = AdaptiveGate(dict.fromkeys(TYPES, 0.5))
-    assert everything.left_out == ()
+    assert everything.disabled_types == ()
     assert "left out" not in everything.table()
 
 

@@ -29,18 +29,18 @@ def test_has_as_many_parameters_as_sif(widths, blocks, encoder_blocks):
 
 
 def test_offsets_are_bounded_and_zero_at_birth():
-    step, found = OffsetStep(8, groups=2, reach=3.0, informed=False), torch.rand(1, 4, 6, 6)
-    offset, mask = step.moves(found)
+    step, found = OffsetStep(8, groups=2, reach=3.0, has_coarser=False), torch.rand(1, 4, 6, 6)
+    offset, mask = step.predict_offsets(found)
     assert torch.equal(offset, torch.zeros(1, 36, 6, 6))
     assert torch.equal(mask, torch.ones(1, 18, 6, 6))
     torch.nn.init.constant_(step.predict.bias, 1e4)
-    offset, mask = step.moves(found)
+    offset, mask = step.predict_offsets(found)
     assert offset.max() == 3.0
     assert mask.max() == 2.0
 
 
 def test_a_step_moves_features_by_its_offsets():
-    step = OffsetStep(4, groups=1, reach=2.0, informed=False)
+    step = OffsetStep(4, groups=1, reach=2.0, has_coarser=False)
     torch.nn.init.zeros_(step.mix.weight)
     step.mix.weight.data[:, :, 1, 1] = torch.eye(4)
     torch.nn.init.zeros_(step.mix.bias)

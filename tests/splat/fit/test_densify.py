@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.splat.fit.densify import Densification, Pull, densify
+from gaussian_enhancer.splat.fit.densify import Densification, ScreenGradientMean, densify
 from gaussian_enhancer.splat.fit.optimise import LearningRates, SplatOptimiser
 from gaussian_enhancer.splat.screen import ScreenStatistics
 from gaussian_enhancer.types import Gaussians
@@ -34,8 +34,8 @@ def stepped(gaussians: Gaussians) -> SplatOptimiser:
     return optimiser
 
 
-def pulled(values: list[float]) -> Pull:
-    pull = Pull(len(values))
+def pulled(values: list[float]) -> ScreenGradientMean:
+    pull = ScreenGradientMean(len(values))
     seen = torch.ones(len(values), dtype=torch.bool)
     pull.add(ScreenStatistics(seen, torch.tensor(values)), 2)
     return pull

@@ -8,7 +8,7 @@ import torch
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.scene import Points
 from gaussian_enhancer.splat.fit.geometry import focus_distance
-from gaussian_enhancer.splat.fit.initialise import SH_C0, at_random, from_points, neighbour_distances
+from gaussian_enhancer.splat.fit.initialise import SH_C0, gaussians_from_points, neighbour_distances, random_points
 from gaussian_enhancer.types import identity_camera
 
 
@@ -38,12 +38,12 @@ def test_neighbour_distances_are_exact(count):
 
 def test_coinciding_points_have_finite_scales():
     points = Points(torch.zeros(5, 3), torch.full((5, 3), 0.5))
-    assert from_points(points).log_scales.isfinite().all()
+    assert gaussians_from_points(points).log_scales.isfinite().all()
 
 
 def test_colours_survive_the_spherical_harmonics():
     colours = torch.rand(7, 3, generator=torch.Generator().manual_seed(0))
-    gaussians = from_points(Points(torch.randn(7, 3), colours), sh_degree=2, opacity=0.2)
+    gaussians = gaussians_from_points(Points(torch.randn(7, 3), colours), sh_degree=2, opacity=0.2)
     torch.testing.assert_close(gaussians.sh[:, 0] * SH_C0 + 0.5, colours)
     assert gaussians.sh.shape == (7, 9, 3)
     torch.testing.assert_close(gaussians.opacity_logits.sigmoid(), torch.full((7,), 0.2))
@@ -53,7 +53,7 @@ def test_disks_face_where_they_are_told():
     facing = torch.nn.functional.normalize(torch.randn(20, 3, generator=torch.Generator().manual_seed(1)), dim=1)
     facing[0] = torch.tensor([0.0, 0.0, -1.0])
     points = Points(torch.randn(20, 3), torch.rand(20, 3))
-    q = from_points(points, axes=2, facing=facing).quaternions
+    q = gaussians_from_points(points, axes=2, facing=facing).quaternions
     w, x, y, z = q.T
     normal = torch.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], 1)
     torch.testing.assert_close(normal, facing, atol=1e-5, rtol=0)
@@ -65,8 +65,8 @@ def test_focus_is_where_the_axes_meet():
 
 def test_random_points_lie_where_two_cameras_look_and_repeat_with_the_seed():
     cameras = ring_of_cameras(3.0)
-    first = at_random(cameras, 300, torch.Generator().manual_seed(5))
-    again = at_random(cameras, 300, torch.Generator().manual_seed(5))
+    first = random_points(cameras, 300, torch.Generator().manual_seed(5))
+    again = random_points(cameras, 300, torch.Generator().manual_seed(5))
     assert torch.equal(first.positions, again.positions)
     seen = torch.zeros(300)
     for camera in cameras:
@@ -79,6 +79,6 @@ def test_random_points_lie_where_two_cameras_look_and_repeat_with_the_seed():
 
 def test_nothing_to_start_from_is_refused():
     with pytest.raises(InputError, match="are none"):
-        from_points(Points(torch.zeros(0, 3), torch.zeros(0, 3)))
+        gaussians_from_points(Points(torch.zeros(0, 3), torch.zeros(0, 3)))
     with pytest.raises(InputError, match="not finite"):
-        from_points(Points(torch.full((1, 3), torch.nan), torch.zeros(1, 3)))
+        gaussians_from_points(Points(torch.full((1, 3), torch.nan), torch.zeros(1, 3)))

@@ -8,7 +8,7 @@ import torch
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.rendered_capture import open_renderer
-from gaussian_enhancer.splat.io.gsplat_results import refuse_normalised, splat_in
+from gaussian_enhancer.splat.io.gsplat_results import find_splat, refuse_normalised
 from gaussian_enhancer.splat.io.open import read_splat
 from gaussian_enhancer.types import Gaussians, identity_camera
 from support.foreign_splats import COUNT, FIELDS, bare, splat, write
@@ -61,9 +61,9 @@ def test_the_latest_step_is_taken_and_its_ply_before_its_checkpoint(tmp_path: Pa
         saved(tmp_path / f"ckpts/ckpt_{step}_rank0.pt", splat(1))
     (tmp_path / "ply").mkdir()
     write(tmp_path / "ply/point_cloud_6999.ply", splat(2), bare(2))
-    assert splat_in(tmp_path).name == "ckpt_29999_rank0.pt"
+    assert find_splat(tmp_path).name == "ckpt_29999_rank0.pt"
     write(tmp_path / "ply/point_cloud_29999.ply", splat(3), bare(3))
-    assert splat_in(tmp_path).name == "point_cloud_29999.ply"
+    assert find_splat(tmp_path).name == "point_cloud_29999.ply"
     assert same(read_splat(tmp_path), splat(3))
 
 

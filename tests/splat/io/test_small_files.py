@@ -7,7 +7,7 @@ import torch
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.io.open import read_splat
-from gaussian_enhancer.splat.io.small_files import ENDINGS, write_small
+from gaussian_enhancer.splat.io.small_files import ENDINGS, write_compressed
 from gaussian_enhancer.splat.methods import MipSplatting, ThreeDGS
 from gaussian_enhancer.splat.render import render
 from gaussian_enhancer.types import Gaussians
@@ -39,7 +39,7 @@ def likeness(first: torch.Tensor, second: torch.Tensor) -> float:
 @pytest.mark.parametrize("name", list(ENDINGS))
 def test_what_is_read_back_looks_the_same_from_every_side(tmp_path, name, degree):
     before = splat(degree)
-    write_small(tmp_path / f"a{ENDINGS[name]}", before, name)
+    write_compressed(tmp_path / f"a{ENDINGS[name]}", before, name)
     after = read_splat(tmp_path / f"a{ENDINGS[name]}")
     assert after.sh.shape == before.sh.shape
     for index in (0, 3, 7):
@@ -52,7 +52,7 @@ def test_what_is_read_back_looks_the_same_from_every_side(tmp_path, name, degree
 @pytest.mark.parametrize("name", list(ENDINGS))
 def test_the_filter_of_mip_splatting_is_applied(tmp_path, name):
     before = replace(splat(1), smoothing=torch.full((289,), 0.05))
-    write_small(tmp_path / f"a{ENDINGS[name]}", before, name)
+    write_compressed(tmp_path / f"a{ENDINGS[name]}", before, name)
     after = read_splat(tmp_path / f"a{ENDINGS[name]}")
     assert after.smoothing is None
     camera = plane_camera(3, 48, 64)
@@ -67,7 +67,7 @@ def test_the_filter_of_mip_splatting_is_applied(tmp_path, name):
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 1e4])
 def test_positions_keep_their_digits_in_any_unit(tmp_path, unit):
     before = replace(splat(0), means=unit * splat(0).means)
-    write_small(tmp_path / "a.spz", before, "spz")
+    write_compressed(tmp_path / "a.spz", before, "spz")
     error = (read_splat(tmp_path / "a.spz").means - before.means).abs().max()
     assert float(error) < max(2e-6, 1e-6 * unit)
 
@@ -75,13 +75,13 @@ def test_positions_keep_their_digits_in_any_unit(tmp_path, unit):
 def test_disks_and_unknown_formats_are_refused(tmp_path):
     disks = replace(splat(0), log_scales=splat(0).log_scales[:, :2])
     with pytest.raises(InputError, match="holds no disks of 2DGS; use format=ply"):
-        write_small(tmp_path / "a.spz", disks, "spz")
+        write_compressed(tmp_path / "a.spz", disks, "spz")
     with pytest.raises(InputError, match="format: is 'sog'; choose ply, compressed, spz"):
-        write_small(tmp_path / "a.sog", splat(0), "sog")
+        write_compressed(tmp_path / "a.sog", splat(0), "sog")
     assert not list(tmp_path.iterdir())
 
 
 def test_without_gsply_the_remedy_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "gsply", None)
     with pytest.raises(InputError, match=r"needs gsply.*gaussian-enhancer\[formats\]"):
-        write_small(tmp_path / "a.spz", splat(0), "spz")
+        write_compressed(tmp_path / "a.spz", splat(0), "spz")

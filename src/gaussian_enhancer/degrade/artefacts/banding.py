@@ -12,7 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.degrade.artefacts.rng import uniform
-from gaussian_enhancer.degrade.artefacts.splats import SplatLayer, composite, covered_colour, depth_level
+from gaussian_enhancer.degrade.artefacts.splats import SplatLayer, composite, covered_colour, depth_quantile
 from gaussian_enhancer.degrade.artefacts.view import View
 
 ROWS, DISKS = 12, 5
@@ -50,7 +50,7 @@ def banding(view: View, strength: Float[Tensor, " b"], generators: Sequence[torc
     sigma = torch.stack([along, across * (0.7 + 0.6 * random[:, 3])], dim=2)
 
     opacity = 0.6 + 0.35 * random[:, 4]
-    depth = depth_level(view, 0.6) * 0.9 * (1 + 0.05 * (distance - 0.5) + 0.002 * step)
+    depth = depth_quantile(view, 0.6) * 0.9 * (1 + 0.05 * (distance - 0.5) + 0.002 * step)
     disks = SplatLayer(
         torch.stack([centre_x, centre_y], dim=2),
         sigma.clamp_min(0.5).log(),

@@ -16,10 +16,10 @@ from gaussian_enhancer.degrade.artefacts.fields import smooth_field
 from gaussian_enhancer.degrade.artefacts.rng import uniform
 from gaussian_enhancer.degrade.artefacts.view import View
 
-WIDEST = 2.5
+MAX_SIGMA = 2.5
 """Largest standard deviation along the long axis at strength 1, in pixels."""
 
-NARROWEST = 0.02
+MIN_SIGMA = 0.02
 KERNELS = 3
 CELL = 8
 CONTRAST = 3.0
@@ -31,16 +31,16 @@ def oriented_kernels(
     """Oriented Gaussian kernels that sum to 1; with standard deviations below 0.02 pixels they are unit impulses.
 
     Args:
-        along: standard deviation along the axis, in pixels, at most `WIDEST`.
+        along: standard deviation along the axis, in pixels, at most `MAX_SIGMA`.
         across: standard deviation perpendicular to it, in pixels.
         angle: angle between the axis and x, in radians.
     """
-    radius = math.ceil(2.8 * WIDEST)
+    radius = math.ceil(2.8 * MAX_SIGMA)
     offset = torch.arange(-radius, radius + 1, device=along.device, dtype=along.dtype)
     down, right = torch.meshgrid(offset, offset, indexing="ij")
     along, across, angle = (value[..., None, None] for value in (along, across, angle))
-    along_offset = (torch.cos(angle) * right + torch.sin(angle) * down) / along.clamp_min(NARROWEST)
-    across_offset = (torch.cos(angle) * down - torch.sin(angle) * right) / across.clamp_min(NARROWEST)
+    along_offset = (torch.cos(angle) * right + torch.sin(angle) * down) / along.clamp_min(MIN_SIGMA)
+    across_offset = (torch.cos(angle) * down - torch.sin(angle) * right) / across.clamp_min(MIN_SIGMA)
     kernels = torch.exp(-0.5 * (along_offset.square() + across_offset.square()))
     return kernels / kernels.sum(dim=(-2, -1), keepdim=True)
 
@@ -62,7 +62,7 @@ def blur(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.G
     batch, _, height, width = image.shape
     size, ratio, orientation = uniform(0.0, 1.0, (3, KERNELS), generators, image).unbind(1)
     isotropic = torch.arange(KERNELS, device=image.device) == 0
-    along = strength[:, None].sqrt() * WIDEST * (0.4 + 0.6 * size)
+    along = strength[:, None].sqrt() * MAX_SIGMA * (0.4 + 0.6 * size)
     kernels = oriented_kernels(along, along * torch.where(isotropic, 1.0, 0.2 + 0.6 * ratio), math.pi * orientation)
     middle = kernels.shape[-1] // 2
     kernels[..., middle, middle] -= 1

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.degrade.artefacts.rng import uniform
-from gaussian_enhancer.degrade.artefacts.splats import SplatLayer, composite, depth_level
+from gaussian_enhancer.degrade.artefacts.splats import SplatLayer, composite, depth_quantile
 from gaussian_enhancer.degrade.artefacts.view import View
 
 VEILS = 5
@@ -39,5 +39,5 @@ def cloudy(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch
     grey = (0.35 + 0.5 * random[:, 4])[..., None]
     colour = mean + (0.3 + 0.7 * random[:, 5])[..., None] * (grey - mean)
     opacity = strength[:, None] * present * (0.12 + 0.28 * random[:, 6])
-    depth = depth_level(view) * (0.2 + 0.5 * random[:, 7])
+    depth = depth_quantile(view) * (0.2 + 0.5 * random[:, 7])
     return composite(view, SplatLayer(centre, sigma.log(), math.pi * random[:, 8], opacity, colour.clamp(0, 1), depth))

@@ -14,14 +14,14 @@ from gaussian_enhancer.degrade.artefacts.fields import smooth_field
 from gaussian_enhancer.degrade.artefacts.rng import normal, uniform
 from gaussian_enhancer.degrade.artefacts.view import View, per_sample
 
-DRIFT = 1.2
+SMOOTH_SIGMA = 1.2
 """Standard deviation of the smooth displacement at strength 1, in pixels; it rarely exceeds 3 pixels."""
 
 CELL = 24
-JUMPS = 0.03
+JUMP_SHARE = 0.03
 """Share of the pixels with an additional random jump, at strength 1."""
 
-LEAP = 1.5
+JUMP_SIGMA = 1.5
 """Standard deviation of the jumps before rounding to whole pixels, in pixels."""
 
 
@@ -56,9 +56,9 @@ def random_offset(
         like: a tensor with the size, dtype and device of the result.
     """
     height, width = like.shape[-2:]
-    smooth = DRIFT * per_sample(strength) * smooth_field(2, CELL, height, width, generators, like)
-    jumps = uniform(0.0, 1.0, (1, height, width), generators, like) < JUMPS * per_sample(strength)
-    return smooth + jumps * (LEAP * normal((2, height, width), generators, like)).round()
+    smooth = SMOOTH_SIGMA * per_sample(strength) * smooth_field(2, CELL, height, width, generators, like)
+    jumps = uniform(0.0, 1.0, (1, height, width), generators, like) < JUMP_SHARE * per_sample(strength)
+    return smooth + jumps * (JUMP_SIGMA * normal((2, height, width), generators, like)).round()
 
 
 def displacement(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.Generator]) -> View:
@@ -76,13 +76,13 @@ def displacement(view: View, strength: Float[Tensor, " b"], generators: Sequence
     moved = (offset != 0).any(dim=1, keepdim=True)
 
     def read(plane: Tensor | None, mode: str = "bilinear") -> Tensor | None:
-        return None if plane is None else _where_moved(moved, displace(plane, offset, mode), plane)
+        return None if plane is None else _select_moved(moved, displace(plane, offset, mode), plane)
 
-    image = _where_moved(moved, displace(view.image, offset), view.image)
+    image = _select_moved(moved, displace(view.image, offset), view.image)
     return View(image, read(view.depth, "nearest"), read(view.alpha))
 
 
-def _where_moved(
+def _select_moved(
     moved: Bool[Tensor, "b 1 h w"], after: Float[Tensor, "b c h w"], before: Float[Tensor, "b c h w"]
 ) -> Float[Tensor, "b c h w"]:
     # Sampling with offset 0 has rounding errors: pixels that do not move are copied instead.

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.degrade.artefacts.rng import uniform
-from gaussian_enhancer.degrade.artefacts.splats import SplatLayer, colour_at, composite, depth_level
+from gaussian_enhancer.degrade.artefacts.splats import SplatLayer, colour_at, composite, depth_quantile
 from gaussian_enhancer.degrade.artefacts.view import View
 
 FLOATERS = 6
@@ -44,5 +44,5 @@ def floater(view: View, strength: Float[Tensor, " b"], generators: Sequence[torc
     kind, tone = random[:, 6, :, None], random[:, 7, :, None]
     colour = torch.where(kind < 0.8, image_colour, torch.where(kind < 0.9, 0.15 * tone, 0.8 + 0.2 * tone))
     opacity = strength[:, None] * present * (0.15 + 0.75 * random[:, 8].square())
-    depth = depth_level(view) * (0.1 + 0.3 * random[:, 9])
+    depth = depth_quantile(view) * (0.1 + 0.3 * random[:, 9])
     return composite(view, SplatLayer(centre, sigma.log(), math.pi * random[:, 10], opacity, colour, depth))

@@ -15,12 +15,12 @@ from gaussian_enhancer.degrade.artefacts.splats import SplatLayer, colour_at, co
 from gaussian_enhancer.degrade.artefacts.view import View
 
 AREA = 220
-"""Pixels per needle. The number is limited to `MOST`; in larger images, needles are larger instead."""
+"""Pixels per needle. The number is limited to `MAX_NEEDLES`; in larger images, needles are larger instead."""
 
-MOST = 160
+MAX_NEEDLES = 160
 """Largest number of needles per sample."""
 
-CROWDED = 0.8
+CLUSTER_SHARE = 0.8
 """Share of the needles in a cluster around one place."""
 
 LENGTHS = 0.014, 0.1
@@ -29,7 +29,7 @@ LENGTHS = 0.014, 0.1
 RATIOS = 5.0, 50.0
 """Smallest and largest ratio of length to thickness."""
 
-THINNEST = 0.55
+MIN_SIGMA = 0.55
 """Smallest standard deviation that rasterisers draw, in pixels: their low-pass filter adds a variance of 0.3."""
 
 
@@ -48,11 +48,11 @@ def needle(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch
         generators: one for each sample.
     """
     height, width = view.image.shape[-2:]
-    count, side = min(max(height * width // AREA, 1), MOST), math.sqrt(height * width)
+    count, side = min(max(height * width // AREA, 1), MAX_NEEDLES), math.sqrt(height * width)
     random = uniform(0.0, 1.0, (11, count), generators, view.image)
     deviation = normal((8, count), generators, view.image)
     cluster = uniform(0.0, 1.0, (6, 1), generators, view.image)
-    in_cluster = random[:, 0] < CROWDED
+    in_cluster = random[:, 0] < CLUSTER_SHARE
     size = view.image.new_tensor([width, height])
 
     cluster_centre = cluster[:, 1:3].mT + (0.06 + 0.12 * cluster[:, 4, :, None]) * deviation[:, 0:2].mT
@@ -61,7 +61,7 @@ def needle(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch
     angle = math.pi * torch.where(in_cluster, cluster[:, 0] + crossing + 0.06 * deviation[:, 2], random[:, 3])
     length = side * LENGTHS[0] * (LENGTHS[1] / LENGTHS[0]) ** random[:, 4]
     ratio = RATIOS[0] * (RATIOS[1] / RATIOS[0]) ** random[:, 5]
-    sigma = torch.stack([length.clamp_min(THINNEST), (length / ratio).clamp_min(THINNEST)], dim=2)
+    sigma = torch.stack([length.clamp_min(MIN_SIGMA), (length / ratio).clamp_min(MIN_SIGMA)], dim=2)
 
     misplaced = (random[:, 6] < 0.5)[..., None]
     source = centre + misplaced * (0.1 * side) * deviation[:, 3:5].mT

@@ -15,15 +15,15 @@ from gaussian_enhancer.degrade.artefacts.region import soft_region
 from gaussian_enhancer.degrade.artefacts.rng import normal, uniform
 from gaussian_enhancer.degrade.artefacts.view import View, per_sample
 
-LOUDEST = 0.05
+MAX_SIGMA = 0.05
 """Standard deviation at strength 1, where the region is 1."""
 
-BLOB = 1.0
+BLUR_SIGMA = 1.0
 
 
 def smooth_noise(white: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c h w"]:
     """Smooth white noise by a Gaussian with a standard deviation of one pixel, and restore its variance."""
-    kernel = get_gaussian_kernel1d(7, BLOB, device=white.device, dtype=white.dtype)
+    kernel = get_gaussian_kernel1d(7, BLUR_SIGMA, device=white.device, dtype=white.dtype)
     return filter2d_separable(white, kernel, kernel, border_type="replicate") / kernel.square().sum()
 
 
@@ -44,4 +44,4 @@ def noise(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.
     mixing_angle = uniform(0.0, torch.pi / 2, (1, 1, 1), generators, image)
     white, unblurred = normal((2, 3, height, width), generators, image).unbind(1)
     noise_field = torch.cos(mixing_angle) * white + torch.sin(mixing_angle) * smooth_noise(unblurred)
-    return replace(view, image=(image + LOUDEST * per_sample(strength) * region * noise_field).clamp(0, 1))
+    return replace(view, image=(image + MAX_SIGMA * per_sample(strength) * region * noise_field).clamp(0, 1))

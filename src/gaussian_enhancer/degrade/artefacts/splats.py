@@ -25,7 +25,7 @@ EXTENT = math.sqrt(2 * math.log(255))
 SOFTNESS = 0.02
 """Distance in front of a surface, relative to its depth, from which a splat is drawn with full opacity."""
 
-HIT = 1e-3
+MIN_WEIGHT = 1e-3
 """Accumulated weight above which a pixel without depth takes the depth of the splats."""
 
 STRIP = 2**18
@@ -103,7 +103,9 @@ def composite(view: View, splats: SplatLayer, profile: Profile = "gaussian", ext
     height, width = view.image.shape[-2:]
     splats = splats.select(splats.depth.argsort(dim=1, stable=True))
     rows = max(1, STRIP // (len(view) * max(1, splats.depth.shape[1]) * width))
-    strips = [_rows(view, splats, top, min(top + rows, height), profile, extent) for top in range(0, height, rows)]
+    strips = [
+        _composite_rows(view, splats, top, min(top + rows, height), profile, extent) for top in range(0, height, rows)
+    ]
 
     def joined(name: Literal["image", "depth", "alpha"]) -> Tensor:
         return torch.cat([getattr(strip, name) for strip in strips], dim=2)
@@ -115,7 +117,7 @@ def composite(view: View, splats: SplatLayer, profile: Profile = "gaussian", ext
     )
 
 
-def _rows(view: View, splats: SplatLayer, top: int, bottom: int, profile: Profile, extent: float) -> View:
+def _composite_rows(view: View, splats: SplatLayer, top: int, bottom: int, profile: Profile, extent: float) -> View:
     """Draw sorted splats over the rows of a view from ``top`` to ``bottom``, the latter excluded."""
     depth, alpha = (None if plane is None else plane[:, :, top:bottom] for plane in (view.depth, view.alpha))
     strip = View(view.image[:, :, top:bottom], depth, alpha)
@@ -174,10 +176,10 @@ def _expected_depth(
     surface_alpha = known_depth.to(surface_depth.dtype) if view.alpha is None else view.alpha * known_depth
     total = (weight + through * surface_alpha).clamp_min(1e-12)
     mean_depth = surface_depth + (far - surface_depth * weight) / total
-    return torch.where(known_depth | (weight > HIT), mean_depth, view.depth)
+    return torch.where(known_depth | (weight > MIN_WEIGHT), mean_depth, view.depth)
 
 
-def depth_level(view: View, share: float = 0.5) -> Float[Tensor, "b 1"]:
+def depth_quantile(view: View, share: float = 0.5) -> Float[Tensor, "b 1"]:
     """Quantile of each view's known depths, estimated from at most 64 x 64 pixels; 1 without any."""
     if view.depth is None:
         return view.image.new_ones(len(view), 1)
@@ -195,7 +197,7 @@ def colour_at(view: View, centre: Float[Tensor, "b k 2"]) -> Float[Tensor, "b k 
 
 def depth_at(view: View, centre: Float[Tensor, "b k 2"]) -> Float[Tensor, "b k"]:
     """Depths of the pixels that contain points given in pixels; the view's median where depth is unknown."""
-    median = depth_level(view)
+    median = depth_quantile(view)
     if view.depth is None:
         return median.expand(centre.shape[:2])
     depths = view.depth.flatten(1).gather(1, _pixel(view, centre))

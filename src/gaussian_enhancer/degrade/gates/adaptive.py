@@ -12,19 +12,19 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.degrade.artefact_types import TYPES
-from gaussian_enhancer.degrade.gates.calibration import responses, solve_gate
+from gaussian_enhancer.degrade.gates.calibration import measure_responses, solve_gate
 from gaussian_enhancer.degrade.gates.fingerprint import ENERGIES, Fingerprint, fingerprint_of_training_views
 from gaussian_enhancer.degrade.gates.gate import (
     ArtefactStep,
     Gate,
     check_probability,
     check_types,
-    draw_lots,
+    draw_type_numbers,
     enabled_types,
 )
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.scene.json_file import member, number, read_json
+from gaussian_enhancer.scene.json_file import get_member, get_number, read_json
 from gaussian_enhancer.scene.rendered import RenderedSet
 
 
@@ -40,7 +40,7 @@ class Growth(NamedTuple):
     power: float = 1.0
 
 
-HELD_OUT: Mapping[str, Growth] = {
+HELD_OUT_GROWTH: Mapping[str, Growth] = {
     "blur": Growth(0.52, 0.88),
     "noise": Growth(0.88, 0.97),
     "anisotropy": Growth(0.39, 0.87),
@@ -91,21 +91,21 @@ class AdaptiveGate:
         enabled = enabled_types(self.types)
         return tuple(
             ArtefactStep(entry.type, entry.strength * self.limits.get(entry.type, 1.0), entry.place < self.regional)
-            for entry in draw_lots(generator)
+            for entry in draw_type_numbers(generator)
             if entry.type in enabled and entry.lot < self.chances.get(entry.type, 0.0)
         )
 
     @property
-    def left_out(self) -> tuple[str, ...]:
+    def disabled_types(self) -> tuple[str, ...]:
         """Types that are never drawn, because their probability is 0 or they are switched off."""
         enabled = enabled_types(self.types)
         return tuple(name for name in TYPES if name not in enabled or self.chances.get(name, 0.0) == 0)
 
     def table(self) -> str:
         """Probabilities and limits, one type per line, and the types that are left out, for the terminal."""
-        shown = [name for name in self.chances if name not in self.left_out]
+        shown = [name for name in self.chances if name not in self.disabled_types]
         lines = [f"{name:<14}{self.chances[name]:8.3f}{self.limits.get(name, 1.0):8.3f}" for name in shown]
-        footer = [f"left out: {', '.join(self.left_out)}"] if self.left_out else []
+        footer = [f"left out: {', '.join(self.disabled_types)}"] if self.disabled_types else []
         return "\n".join((f"{'type':<14}{'chance':>8}{'limit':>8}", *lines, *footer))
 
     def to_file(self, path: str | Path) -> None:
@@ -130,14 +130,14 @@ class AdaptiveGate:
         """
         record = read_json(Path(path))
         chances, limits = (_numbers(record, key, path) for key in ("chances", "limits"))
-        return cls(chances, limits, number(record, "regional", path), types or {})
+        return cls(chances, limits, get_number(record, "regional", path), types or {})
 
 
 def _numbers(record: object, key: str, path: str | Path) -> dict[str, float]:
-    entries = member(record, key, path)
+    entries = get_member(record, key, path)
     if not isinstance(entries, dict):
         raise InputError(path, f"has {key} = {entries!r}", "give a number for each type")
-    return {name: number(entries, name, f"{path}, {key}") for name in entries}
+    return {name: get_number(entries, name, f"{path}, {key}") for name in entries}
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,7 @@ def calibrate_gate(
     generator: torch.Generator,
     *,
     types: Mapping[str, bool] | None = None,
-    held_out: Mapping[str, Growth] = HELD_OUT,
+    held_out: Mapping[str, Growth] = HELD_OUT_GROWTH,
     regional: float = 0.5,
     draws: int = 2,
 ) -> AdaptiveGate:
@@ -238,7 +238,7 @@ def calibrate_gate(
         raise InputError(f"held_out.{unknown[0]}", "is no energy", f"choose among {', '.join(ENERGIES)}")
     enabled = enabled_types(types or {})
     factor, power = torch.tensor([held_out.get(name, Growth(1.0)) for name in ENERGIES], dtype=torch.float64).T
-    measured = responses(photos, enabled, generator, regional=regional, draws=draws)
+    measured = measure_responses(photos, enabled, generator, regional=regional, draws=draws)
     chances, limits = solve_gate(measured, factor * fingerprint.energies() ** power)
     return AdaptiveGate(
         dict(zip(enabled, chances.tolist(), strict=True)),

@@ -22,9 +22,9 @@ STRENGTHS = (0.1, 0.25, 0.5, 0.75, 1.0)
 """Strengths at which responses are measured; between them, and to zero at strength 0, they are interpolated."""
 ROUNDING = 1 / 255**2 / 12
 """Energy of rounding to 8 bits; smaller differences are ignored in the calibration."""
-MINOR = 0.1
+MIN_RELATIVE_ENERGY = 0.1
 """Errors of an energy are relative to it, or to at least this share of the largest energy."""
-SPREAD = 1e-2
+RIDGE_WEIGHT = 1e-2
 """Weight of the ridge on the contributions, which spreads an energy over types of similar response."""
 
 
@@ -55,7 +55,7 @@ class Responses:
         return (widths[..., None] * (start + end) / 2).sum(1) / limits[:, None]
 
 
-def responses(
+def measure_responses(
     photos: Sequence[Float[Tensor, "3 _ _"]],
     types: Sequence[str],
     generator: torch.Generator,
@@ -111,7 +111,7 @@ def solve_gate(measured: Responses, wanted: Float[Tensor, " e"]) -> tuple[Float[
         measured: responses of the types.
         wanted: target energies.
     """
-    scale = wanted.clamp_min(max(ROUNDING, MINOR * float(wanted.max())))
+    scale = wanted.clamp_min(max(ROUNDING, MIN_RELATIVE_ENERGY * float(wanted.max())))
     limits = torch.ones(len(measured.types), dtype=torch.float64)
     full_response = (measured.mean_below(limits) / scale).sum(1).clamp_min(1e-300)
     for _ in range(4):
@@ -134,7 +134,7 @@ def solve_weights(responses: Float[Tensor, "t e"], wanted: Float[Tensor, " e"]) 
 
     norms = responses.norm(dim=1)
     unit_responses = torch.where(norms[:, None] > 0, responses / norms.clamp_min(1e-300)[:, None], 0.0)
-    ridge = torch.eye(len(norms), dtype=torch.float64) * SPREAD**0.5
+    ridge = torch.eye(len(norms), dtype=torch.float64) * RIDGE_WEIGHT**0.5
     matrix = torch.cat([unit_responses.T, ridge])
     target = torch.cat([wanted, torch.zeros_like(norms)])
     contributions = torch.from_numpy(nnls(matrix.numpy(), target.numpy())[0])

@@ -23,9 +23,9 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.scene.rendered import RenderedSet
 
-DETAIL = 1.5
+DETAIL_SIGMA = 1.5
 """Standard deviation in pixels of the Gaussian that separates detail, which it removes."""
-COARSE = 1 / 6
+LOW_FREQUENCY_SIGMA = 1 / 6
 """Standard deviation, relative to the larger side, of the Gaussian that separates low frequencies, which it keeps.
 
 Medium frequencies lie between the two Gaussians.
@@ -137,13 +137,13 @@ def error_energies(render: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]
     """
     target = photo.float()[None]
     residual = render.float()[None] - target
-    coarse_sigma = max(2 * DETAIL, COARSE * max(residual.shape[-2:]))
-    smoothed = smooth(residual, DETAIL)
+    coarse_sigma = max(2 * DETAIL_SIGMA, LOW_FREQUENCY_SIGMA * max(residual.shape[-2:]))
+    smoothed = smooth(residual, DETAIL_SIGMA)
     coarse = smooth(residual, coarse_sigma)
     detail = residual - smoothed
-    correlated = projected(detail, target - smooth(target, DETAIL))
+    correlated = project_onto_photo(detail, target - smooth(target, DETAIL_SIGMA))
     uncorrelated = detail - correlated
-    needles, _ = split_by_direction(uncorrelated, 2 * DETAIL)
+    needles, _ = split_by_direction(uncorrelated, 2 * DETAIL_SIGMA)
     bands, blobs = split_by_direction(smoothed - coarse, coarse_sigma / 2)
     energy = (
         correlated.square().mean(),
@@ -173,18 +173,18 @@ def smooth(image: Float[Tensor, "1 c h w"], sigma: float) -> Float[Tensor, "1 c 
     return F.interpolate(image, (height, width), mode="bilinear", align_corners=False) if factor > 1 else image
 
 
-def projected(detail: Float[Tensor, "1 3 h w"], own: Float[Tensor, "1 3 h w"]) -> Float[Tensor, "1 3 h w"]:
+def project_onto_photo(detail: Float[Tensor, "1 3 h w"], own: Float[Tensor, "1 3 h w"]) -> Float[Tensor, "1 3 h w"]:
     """The part of an error's detail that is locally proportional to the photo's detail.
 
-    <r, p> / <p, p> p, with inner products over channels and a Gaussian window of 6 times `DETAIL`. The window is wide
+    <r, p> / <p, p> p, with inner products over channels and a Gaussian window of 6 times `DETAIL_SIGMA`. The window is wide
     enough for the chance correlation of noise to be small.
 
     Args:
         detail: the error's detail r.
         own: the photo's detail p.
     """
-    correlation = smooth((detail * own).sum(1, keepdim=True), 6 * DETAIL)
-    photo_energy = smooth(own.square().sum(1, keepdim=True), 6 * DETAIL)
+    correlation = smooth((detail * own).sum(1, keepdim=True), 6 * DETAIL_SIGMA)
+    photo_energy = smooth(own.square().sum(1, keepdim=True), 6 * DETAIL_SIGMA)
     # A uniform photo has no detail to lose: below this limit the projection would be onto rounding errors.
     return (
         torch.where(photo_energy > 1e-10, correlation / photo_energy.clamp_min(1e-10), torch.zeros_like(photo_energy))

@@ -111,7 +111,7 @@ class AllGate:
         """Draw steps of all enabled types in random order, over the whole image."""
         enabled = enabled_types(self.types)
         return tuple(
-            ArtefactStep(entry.type, entry.strength) for entry in draw_lots(generator) if entry.type in enabled
+            ArtefactStep(entry.type, entry.strength) for entry in draw_type_numbers(generator) if entry.type in enabled
         )
 
 
@@ -150,12 +150,12 @@ class RandomGate:
         enabled = enabled_types(self.types)
         return tuple(
             ArtefactStep(entry.type, entry.strength, entry.place < self.regional)
-            for entry in draw_lots(generator)
+            for entry in draw_type_numbers(generator)
             if entry.type in enabled and entry.lot < self.chances.get(entry.type, self.chance)
         )
 
 
-class Drawn(NamedTuple):
+class TypeDraw(NamedTuple):
     """Random numbers drawn for one type.
 
     Args:
@@ -171,7 +171,7 @@ class Drawn(NamedTuple):
     place: float
 
 
-def draw_lots(generator: torch.Generator) -> tuple[Drawn, ...]:
+def draw_type_numbers(generator: torch.Generator) -> tuple[TypeDraw, ...]:
     """Draw the random numbers of every type, in random order.
 
     They do not depend on the settings of a gate. Each type has its own generator, so that adding a type does not change
@@ -181,5 +181,5 @@ def draw_lots(generator: torch.Generator) -> tuple[Drawn, ...]:
     draws = {}
     for name in TYPES:
         lot, strength, place, order = torch.rand(4, generator=named_generator(name, seed), dtype=torch.float64).tolist()
-        draws[name] = order, Drawn(name, lot, 1 - strength, place)
+        draws[name] = order, TypeDraw(name, lot, 1 - strength, place)
     return tuple(entry for _, entry in sorted(draws.values()))

@@ -21,7 +21,7 @@ REACH = 4.0
 RESIDUE = 0.25
 """Largest absolute value of the tone, and of the residue, for colours in [0, 1]."""
 
-LOCAL = 2 + OCTAVES + 3
+SMOOTH_PLANES = 2 + OCTAVES + 3
 """Smooth parameter planes: displacement for each axis, contrast for each octave, tone for each channel."""
 
 
@@ -95,10 +95,10 @@ class FactorCombiner(nn.Module):
         self.shrink = nn.ModuleList([nn.Conv2d(a, b, 2, stride=2) for a, b in itertools.pairwise(widths)])
         self.grow = nn.ModuleList([nn.Conv2d(b, a, 1) for a, b in itertools.pairwise(widths)])
         self.up = nn.ModuleList([stack(width) for width in widths[:-1]])
-        self.head = nn.Conv2d(widths[0], LOCAL + 12, 3, padding=1)
+        self.head = nn.Conv2d(widths[0], SMOOTH_PLANES + 12, 3, padding=1)
         nn.init.zeros_(self.head.weight)
         nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
-        self.direct = convolution(grid, LOCAL, 3)
+        self.direct = convolution(grid, SMOOTH_PLANES, 3)
         for parameter in self.direct.parameters():
             nn.init.zeros_(parameter)
 
@@ -115,7 +115,10 @@ class FactorCombiner(nn.Module):
         height, width = manual.shape[-2:]
         padded = pad_to_cells(manual)
         output = self._half_resolution_output(torch.cat([padded, pad_to_cells(noise)], dim=1), factors)
-        local, residue = output[:, :LOCAL], F.pixel_shuffle(output[:, LOCAL:], 2).to(manual.dtype).tanh()
+        local, residue = (
+            output[:, :SMOOTH_PLANES],
+            F.pixel_shuffle(output[:, SMOOTH_PLANES:], 2).to(manual.dtype).tanh(),
+        )
         local = self._enlarged(local, 2) + self._enlarged(self.direct(factors.grid), CELL)
         offset, contrast, tone = local.to(manual.dtype).tanh().split((2, OCTAVES, 3), dim=1)
         displaced = displace(padded, REACH * offset)
@@ -131,17 +134,17 @@ class FactorCombiner(nn.Module):
         x = self.stem(F.pixel_unshuffle(images, 2))
         skips = []
         for level, blocks in enumerate(self.down):
-            x = _through_blocks(blocks.children(), x, factors)
+            x = _apply_blocks(blocks.children(), x, factors)
             if level < len(self.shrink):
                 skips.append(x)
                 x = self.shrink[level](x)
         for level in reversed(range(len(self.grow))):
             x = F.interpolate(self.grow[level](x), scale_factor=2, mode="bilinear", align_corners=False)
-            x = _through_blocks(self.up[level].children(), x + skips[level], factors)
+            x = _apply_blocks(self.up[level].children(), x + skips[level], factors)
         return self.head(F.relu(x))
 
 
-def _through_blocks(blocks: Iterable[nn.Module], x: Tensor, factors: Factors) -> Tensor:
+def _apply_blocks(blocks: Iterable[nn.Module], x: Tensor, factors: Factors) -> Tensor:
     for block in blocks:
         x = block(x, factors)
     return x

@@ -130,22 +130,29 @@ class Sampler:
         return z
 
     def _step(
-        self, z: Factors, clean: Factors, now: float, then: float, generators: Sequence[torch.Generator]
+        self,
+        z: Factors,
+        clean: Factors,
+        current_signal: float,
+        next_signal: float,
+        generators: Sequence[torch.Generator],
     ) -> Factors:
-        """Step from signal ``now`` to the signal ``then``, which is no smaller.
+        """Step from signal ``current_signal`` to the signal ``next_signal``, which is no smaller.
 
         If both are equal, as where a stiff schedule still has no signal, z stays unchanged.
         """
-        if then == now:
+        if next_signal == current_signal:
             return z
-        noise_now, noise_then = 1 - now**2, 1 - then**2
-        ratio = (now / then) ** 2
+        noise_now, noise_then = 1 - current_signal**2, 1 - next_signal**2
+        ratio = (current_signal / next_signal) ** 2
         posterior_variance = max(0.0, noise_then / noise_now * (1 - ratio))
         if self.mean:
-            return z.linear_combination(clean, (now / then) * noise_then / noise_now, then * (1 - ratio) / noise_now)
+            return z.linear_combination(
+                clean, (current_signal / next_signal) * noise_then / noise_now, next_signal * (1 - ratio) / noise_now
+            )
         added_variance = self.noise**2 * posterior_variance
         z_weight = math.sqrt(max(0.0, noise_then - added_variance) / noise_now)
-        z = z.linear_combination(clean, z_weight, then - z_weight * now)
+        z = z.linear_combination(clean, z_weight, next_signal - z_weight * current_signal)
         return (
             z.linear_combination(white_noise(z, generators), 1.0, math.sqrt(added_variance))
             if added_variance > 0

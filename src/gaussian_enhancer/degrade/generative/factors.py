@@ -34,14 +34,14 @@ class Factors(Movable):
     vector: Float[Tensor, "b v"]
     grid: Float[Tensor, "b c i j"]
 
-    def linear_combination(self, other: "Factors", mine: float | Tensor, others: float | Tensor) -> "Factors":
+    def linear_combination(self, other: "Factors", weight: float | Tensor, other_weight: float | Tensor) -> "Factors":
         """The sum mine * self + others * other; coefficients may be tensors of shape (b,), one for each sample."""
 
         def scale(factor: float | Tensor, part: Tensor) -> float | Tensor:
             return factor.view(-1, *[1] * (part.dim() - 1)) if isinstance(factor, Tensor) else factor
 
-        vector = scale(mine, self.vector) * self.vector + scale(others, other.vector) * other.vector
-        grid = scale(mine, self.grid) * self.grid + scale(others, other.grid) * other.grid
+        vector = scale(weight, self.vector) * self.vector + scale(other_weight, other.vector) * other.vector
+        grid = scale(weight, self.grid) * self.grid + scale(other_weight, other.grid) * other.grid
         return Factors(vector, grid)
 
 
@@ -67,7 +67,7 @@ def white_noise(like: Factors, generators: Sequence[torch.Generator]) -> Factors
     return Factors(vector, normal(like.grid.shape[1:], generators, like.grid))
 
 
-class Silent(nn.Module):
+class ZeroLayer(nn.Module):
     """Replaces a layer that reads from, or writes to, a part of z without entries; returns zeros.
 
     Args:
@@ -84,10 +84,10 @@ class Silent(nn.Module):
 
 
 def linear(inputs: int, outputs: int) -> nn.Module:
-    """A linear layer, or `Silent` if either side has no entries."""
-    return nn.Linear(inputs, outputs) if inputs and outputs else Silent(outputs)
+    """A linear layer, or `ZeroLayer` if either side has no entries."""
+    return nn.Linear(inputs, outputs) if inputs and outputs else ZeroLayer(outputs)
 
 
 def convolution(inputs: int, outputs: int, side: int) -> nn.Module:
-    """A convolution that keeps the spatial size, or `Silent` if either side has no channels."""
-    return nn.Conv2d(inputs, outputs, side, padding=side // 2) if inputs and outputs else Silent(outputs)
+    """A convolution that keeps the spatial size, or `ZeroLayer` if either side has no channels."""
+    return nn.Conv2d(inputs, outputs, side, padding=side // 2) if inputs and outputs else ZeroLayer(outputs)

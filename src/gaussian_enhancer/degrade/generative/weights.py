@@ -10,8 +10,8 @@ from typing import Any
 import torch
 
 from gaussian_enhancer.checkpoint import (
-    MEND,
-    build_filled,
+    REMEDY,
+    build_and_load,
     check_whole_number,
     find_checkpoint,
     parse_metadata,
@@ -74,11 +74,11 @@ def load_model(source: str | Path) -> PretrainedModel:
     tensors, metadata = read_checkpoint(path, FORMAT)
     design, card = (parse_metadata(metadata, name, path) for name in ("design", "card"))
     try:
-        model = build_filled(lambda: FactorModel(_design(design)), design, tensors, path)
+        model = build_and_load(lambda: FactorModel(_design(design)), design, tensors, path)
     except InputError:
         raise
     except (KeyError, TypeError, ValueError, ArithmeticError, RuntimeError) as error:
-        raise InputError(path, f"describes no simulator that this version knows ({error})", MEND) from error
+        raise InputError(path, f"describes no simulator that this version knows ({error})", REMEDY) from error
     return PretrainedModel(model.eval(), card)
 
 

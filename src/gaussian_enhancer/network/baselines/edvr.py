@@ -115,7 +115,7 @@ class PyramidAlignment(nn.Module):
     def __init__(self, channels: int, groups: int, reach: float) -> None:
         super().__init__()
         self.levels = nn.ModuleList(OffsetStep(channels, groups, reach, informed) for informed in (True, True, False))
-        self.cascade = OffsetStep(channels, groups, reach, informed=False)
+        self.cascade = OffsetStep(channels, groups, reach, has_coarser=False)
 
     def forward(
         self, references: Sequence[Float[Tensor, "f c _ _"]], targets: Sequence[Float[Tensor, "f c _ _"]]
@@ -135,20 +135,20 @@ class OffsetStep(nn.Module):
         channels: number of feature channels.
         groups: number of channel groups; the channels of a group share offsets.
         reach: largest offset in pixels.
-        informed: whether there is a coarser level.
+        has_coarser: whether there is a coarser level.
     """
 
-    def __init__(self, channels: int, groups: int, reach: float, informed: bool) -> None:
+    def __init__(self, channels: int, groups: int, reach: float, has_coarser: bool) -> None:
         super().__init__()
         self.groups, self.reach = groups, reach
         half = channels // 2
         self.compare = nn.Conv2d(2 * channels, half, 3, padding=1)
-        self.inform = nn.Conv2d(2 * half, half, 3, padding=1) if informed else None
+        self.inform = nn.Conv2d(2 * half, half, 3, padding=1) if has_coarser else None
         self.predict = nn.Conv2d(half, 3 * 9 * groups, 3, padding=1)
         nn.init.zeros_(self.predict.weight)
         nn.init.zeros_(self.predict.bias)  # type: ignore[arg-type]
         self.mix = nn.Conv2d(channels, channels, 3, padding=1)
-        self.join = nn.Conv2d(2 * channels, channels, 3, padding=1) if informed else None
+        self.join = nn.Conv2d(2 * channels, channels, 3, padding=1) if has_coarser else None
 
     def forward(
         self,
@@ -161,12 +161,14 @@ class OffsetStep(nn.Module):
         if self.inform is not None and coarser is not None:
             # Doubled, since an offset of one coarse pixel equals two fine pixels.
             offset_features = leaky(self.inform(torch.cat([offset_features, 2 * _upsample_2x(coarser[0])], dim=1)))
-        aligned = deformable_sample(reference, *self.moves(offset_features), self.mix.weight, self.mix.bias)
+        aligned = deformable_sample(reference, *self.predict_offsets(offset_features), self.mix.weight, self.mix.bias)
         if self.join is not None and coarser is not None:
             aligned = self.join(torch.cat([aligned, _upsample_2x(leaky(coarser[1]))], dim=1))
         return offset_features, aligned
 
-    def moves(self, found: Float[Tensor, "f o i j"]) -> tuple[Float[Tensor, "f _ i j"], Float[Tensor, "f _ i j"]]:
+    def predict_offsets(
+        self, found: Float[Tensor, "f o i j"]
+    ) -> tuple[Float[Tensor, "f _ i j"], Float[Tensor, "f _ i j"]]:
         """Offsets, bounded by ``reach``, and masks in [0, 2], predicted from offset features."""
         x = self.predict(found).float()
         split = 2 * 9 * self.groups
@@ -198,7 +200,7 @@ class Attention(nn.Module):
         self,
         aligned: Float[Tensor, "f c i j"],
         target: Float[Tensor, "f c i j"],
-        seen: Float[Tensor, "f 1 i j"],
+        visibility: Float[Tensor, "f 1 i j"],
         count: int,
     ) -> Float[Tensor, "b c i j"]:
         """Weighted mean of the aligned references of each target.
@@ -206,17 +208,19 @@ class Attention(nn.Module):
         Args:
             aligned: features of all references of all targets.
             target: features of the target, repeated for each of its references.
-            seen: visibility.
+            visibility: visibility.
             count: number of references of each target.
         """
         similarity = (self.embed_reference(aligned) * self.embed_target(target)).float().sum(1, keepdim=True)
-        weights = seen * torch.sigmoid(similarity / math.sqrt(aligned.shape[1]))
+        weights = visibility * torch.sigmoid(similarity / math.sqrt(aligned.shape[1]))
         total = (weights.to(aligned.dtype) * aligned).unflatten(0, (-1, count)).sum(1)
         return total / (1 + weights.unflatten(0, (-1, count)).sum(1)).to(total.dtype)
 
-    def forward(self, target: Float[Tensor, "b c i j"], news: Float[Tensor, "b c i j"]) -> Float[Tensor, "b c i j"]:
-        """Fuse the target's features with the references' mean ``news``; sides are even."""
-        fused = leaky(self.fuse(torch.cat([target, news], dim=1)))
+    def forward(
+        self, target: Float[Tensor, "b c i j"], reference_mean: Float[Tensor, "b c i j"]
+    ) -> Float[Tensor, "b c i j"]:
+        """Fuse the target's features with the references' mean ``reference_mean``; sides are even."""
+        fused = leaky(self.fuse(torch.cat([target, reference_mean], dim=1)))
         pooled = torch.cat([F.max_pool2d(fused, 3, 2, 1), F.avg_pool2d(fused, 3, 2, 1)], dim=1)
         weight = self.weigh(_upsample_2x(leaky(self.look(leaky(self.squeeze(pooled))))))
         return fused * 2 * torch.sigmoid(weight) + self.shift(weight)

@@ -52,7 +52,7 @@ class PaperSIF(CachesReferences):
 
     def encode(self, views: NetworkInput) -> tuple[Float[Tensor, "b r c i j"], ...]:
         """Features of the references."""
-        return (self.encode_reference.each(pad_to_stride(views, self.stride).references - 0.5),)
+        return (self.encode_reference.encode_each(pad_to_stride(views, self.stride).references - 0.5),)
 
     def stages(
         self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c i j"], ...] | None = None

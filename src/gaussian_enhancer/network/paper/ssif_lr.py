@@ -19,7 +19,7 @@ from gaussian_enhancer.network.paper.stages import (
     LearnedCombine,
     depth_planes,
     halved_visibility,
-    zero_initialised,
+    zero_initialise,
 )
 from gaussian_enhancer.network.pyramid import three_scales
 from gaussian_enhancer.network.stem import Choice
@@ -56,7 +56,7 @@ class PaperSSIFLR(CachesReferences):
         self.scales = nn.ModuleList(Scale(widths, blocks, encoder_blocks, refine) for _ in FACTORS)
         self.encode_coarsest = ImageEncoder(3, widths[0], encoder_blocks)
         self.align_again = DeformableConv(widths[0], refine, 12)
-        zero_initialised(self.align_again.join)
+        zero_initialise(self.align_again.join)
         self.combine = LearnedCombine(1, widths[0])
         self.fuse = LearnedCombine(2, widths[0])
 
@@ -64,7 +64,8 @@ class PaperSSIFLR(CachesReferences):
         """Features of the references at each scale."""
         pyramid = three_scales(views, self.stride)
         return tuple(
-            self._scale(k).encode_reference.each(scale_views.references - 0.5) for k, scale_views in enumerate(pyramid)
+            self._scale(k).encode_reference.encode_each(scale_views.references - 0.5)
+            for k, scale_views in enumerate(pyramid)
         )
 
     def stages(
@@ -75,13 +76,13 @@ class PaperSSIFLR(CachesReferences):
         pyramid = three_scales(views, self.stride)
         references = self.encode(views) if encoded is None else encoded
         quarter = self._scale(0)(pyramid[0], references[0])
-        quarter = self._aligned_again(quarter, pyramid[0], references[0])
+        quarter = self._realign_coarsest(quarter, pyramid[0], references[0])
         half = self.combine(self._scale(1)(pyramid[1], references[1]), quarter)
         whole = self.fuse(self._scale(2)(pyramid[2], references[2]), quarter, half)
         scales = zip((quarter, half, whole), FACTORS, strict=True)
         return tuple(image[..., : -(-height // factor), : -(-width // factor)] for image, factor in scales)
 
-    def _aligned_again(
+    def _realign_coarsest(
         self, image: Float[Tensor, "b 3 h w"], views: NetworkInput, references: Float[Tensor, "b r c i j"]
     ) -> Float[Tensor, "b 3 h w"]:
         """E(1/4) = DeformableConv(T(1/4), F[G t-1], F[G t+1]), interpreted as a change of T."""

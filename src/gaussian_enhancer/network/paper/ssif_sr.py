@@ -80,10 +80,10 @@ class PaperSSIFSR(CachesReferences):
         finest, _ = fine_references(views)
         half = halve(finest)
         fine = (
-            cast(ImageEncoder, encoder).each(photos.to(views.render.dtype) - 0.5)
+            cast(ImageEncoder, encoder).encode_each(photos.to(views.render.dtype) - 0.5)
             for encoder, photos in zip(self.encode_fine, (halve(half), half, finest), strict=True)
         )
-        return self.encode_reference.each(views.references - 0.5), *fine
+        return self.encode_reference.encode_each(views.references - 0.5), *fine
 
     def stages(
         self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
@@ -114,7 +114,7 @@ class PaperSSIFSR(CachesReferences):
         self,
         level: int,
         views: NetworkInput,
-        buffered: tuple[Float[Tensor, "b c _ _"], Float[Tensor, "b c _ _"]],
+        fused_features: tuple[Float[Tensor, "b c _ _"], Float[Tensor, "b c _ _"]],
         fine: Float[Tensor, "b r c i j"],
     ) -> Float[Tensor, "b 3 _ _"]:
         """Compute T of a scale."""
@@ -122,7 +122,8 @@ class PaperSSIFSR(CachesReferences):
         visibility = halved_visibility(views)[:, : fine.shape[1]]
         visibility = visibility.repeat_interleave(scale, dim=-2).repeat_interleave(scale, dim=-1)
         shared = [
-            tensor if scale == 1 else F.interpolate(tensor, scale_factor=scale, mode="bilinear") for tensor in buffered
+            tensor if scale == 1 else F.interpolate(tensor, scale_factor=scale, mode="bilinear")
+            for tensor in fused_features
         ]
         features = self.join[level](*shared, *adjacent_features(fine.to(shared[0].dtype), visibility))
         return upsample_bicubic(views.render, scale) + self.decode[level](features).to(views.render.dtype)

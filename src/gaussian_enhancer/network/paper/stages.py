@@ -37,7 +37,7 @@ class ImageEncoder(nn.Module):
         """Encode an image with values around 0; height and width are even."""
         return self.blocks(self.stem(F.pixel_unshuffle(image, 2)))
 
-    def each(self, images: Float[Tensor, "b r p h w"]) -> Float[Tensor, "b r c i j"]:
+    def encode_each(self, images: Float[Tensor, "b r p h w"]) -> Float[Tensor, "b r c i j"]:
         """Encode several images separately with the same weights."""
         if images.shape[1] == 0:
             batch, _, _, height, width = images.shape
@@ -110,7 +110,7 @@ class LearnedCombine(nn.Module):
         super().__init__()
         self.join = nn.Conv2d(12 * (1 + coarser), width, 3, padding=1)
         self.head = nn.Conv2d(width, 12, 3, padding=1)
-        zero_initialised(self.head)
+        zero_initialise(self.head)
 
     def forward(self, fine: Float[Tensor, "b 3 h w"], *coarser: Float[Tensor, "b 3 _ _"]) -> Float[Tensor, "b 3 h w"]:
         """Combine images.
@@ -158,7 +158,7 @@ def depth_planes(views: NetworkInput) -> Float[Tensor, "b 2 h w"]:
     return torch.cat([normalised_inverse_depth(views.depth, unit), known_depth], dim=1).to(views.render.dtype)
 
 
-def zero_initialised(convolution: nn.Conv2d) -> None:
+def zero_initialise(convolution: nn.Conv2d) -> None:
     """Set a convolution to zero, so that it has no effect at initialisation."""
     nn.init.zeros_(convolution.weight)
     nn.init.zeros_(convolution.bias)  # type: ignore[arg-type]

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from gaussian_enhancer.scene.procedural import shapes
 from gaussian_enhancer.scene.procedural.draft import Vector
-from gaussian_enhancer.scene.procedural.mesh import SurfacePart, joined
+from gaussian_enhancer.scene.procedural.mesh import SurfacePart, join_parts
 from gaussian_enhancer.scene.procedural.palette import Palette
 
 
@@ -43,14 +43,14 @@ def table(p: Palette, at: Vector, yaw: float, size: tuple[float, float], height:
         )
         x = y = r * 0.6
     else:
-        top = shapes.box((size[0], size[1], thickness)).placed((0, 0, -thickness))
+        top = shapes.box((size[0], size[1], thickness)).transform((0, 0, -thickness))
     legs = [
         shapes.rod((a * x, b * y, 0), (a * x * 0.92, b * y * 0.92, height - thickness), 0.025, 10)
         for a in (-1, 1)
         for b in (-1, 1)
     ]
     legs += [shapes.rod((-x, b * y, height * 0.25), (x, b * y, height * 0.25), 0.012, 6) for b in (-1, 1)]
-    p.draft.add(joined([top.placed((0, 0, height)), *legs]).placed(at, yaw=yaw), p(material))
+    p.draft.add(join_parts([top.transform((0, 0, height)), *legs]).transform(at, yaw=yaw), p(material))
 
 
 def chair(p: Palette, at: Vector, yaw: float) -> None:
@@ -79,9 +79,9 @@ def chair(p: Palette, at: Vector, yaw: float) -> None:
     frame += [
         shapes.rod((-half_width, b * half_width, 0.2), (half_width, b * half_width, 0.2), 0.01, 6) for b in (-1, 1)
     ]
-    p.draft.add(joined(frame).placed(at, yaw=yaw), p(str(rng.choice(["wood 2", "iron", "chrome"]))))
+    p.draft.add(join_parts(frame).transform(at, yaw=yaw), p(str(rng.choice(["wood 2", "iron", "chrome"]))))
     p.draft.add(
-        shapes.box((width, width, 0.05)).placed((0, 0, seat_height)).placed(at, yaw=yaw),
+        shapes.box((width, width, 0.05)).transform((0, 0, seat_height)).transform(at, yaw=yaw),
         p(str(rng.choice(["cloth", "wood 2", "cloth 2"]))),
     )
 
@@ -98,22 +98,22 @@ def sofa(p: Palette, at: Vector, yaw: float, length: float) -> None:
     seats = int(rng.integers(2, 4))
     seat_width = length / seats
     parts = [
-        shapes.box((length, 0.75, 0.25)).placed((0, 0, 0.1)),
-        shapes.box((length, 0.2, 0.7)).placed((0, 0.32, 0.1)),
+        shapes.box((length, 0.75, 0.25)).transform((0, 0, 0.1)),
+        shapes.box((length, 0.2, 0.7)).transform((0, 0.32, 0.1)),
     ]
-    parts += [cushion(0.22, 0.9, 0.55).placed((a * (length / 2 + 0.05), 0, 0.32)) for a in (-1, 1)]
+    parts += [cushion(0.22, 0.9, 0.55).transform((a * (length / 2 + 0.05), 0, 0.32)) for a in (-1, 1)]
     for k in range(seats):
         x = (k + 0.5) * seat_width - length / 2
         parts += [
-            cushion(seat_width, 0.7, 0.2).placed((x, -0.05, 0.4)),
-            cushion(seat_width, 0.22, 0.5).placed((x, 0.25, 0.65), tilt=-0.2),
+            cushion(seat_width, 0.7, 0.2).transform((x, -0.05, 0.4)),
+            cushion(seat_width, 0.22, 0.5).transform((x, 0.25, 0.65), tilt=-0.2),
         ]
-    p.draft.add(joined(parts).placed(at, yaw=yaw), p("cloth 3"))
+    p.draft.add(join_parts(parts).transform(at, yaw=yaw), p("cloth 3"))
     pillows = [
-        cushion(0.42, 0.16, 0.42).placed((x, 0.05, 0.68), yaw=rng.uniform(-0.5, 0.5), tilt=-0.35)
+        cushion(0.42, 0.16, 0.42).transform((x, 0.05, 0.68), yaw=rng.uniform(-0.5, 0.5), tilt=-0.35)
         for x in rng.uniform(-length / 2.6, length / 2.6, 2)
     ]
-    p.draft.add(joined(pillows).placed(at, yaw=yaw), p("cloth 4"))
+    p.draft.add(join_parts(pillows).transform(at, yaw=yaw), p("cloth 4"))
 
 
 def books(p: Palette, at: Vector, yaw: float, width: float, height: float = 0.26) -> None:
@@ -126,17 +126,17 @@ def books(p: Palette, at: Vector, yaw: float, width: float, height: float = 0.26
             rng.uniform(0.13, 0.19),
         )
         lean = float(rng.uniform(0.0, 0.12)) if rng.random() < 0.15 else 0.0
-        body = shapes.box((thickness, depth, book_height)).placed((x + thickness / 2, depth / 2, 0), tilt=0.0)
+        body = shapes.box((thickness, depth, book_height)).transform((x + thickness / 2, depth / 2, 0), tilt=0.0)
         body = SurfacePart(
             body.positions + np.outer(body.positions[:, 2], [lean, 0, 0]), body.normals, body.uvs, body.faces
         )
-        p.draft.add(body.placed(at, yaw=yaw), p("page 2" if rng.random() < 0.3 else "cloth 5"))
+        p.draft.add(body.transform(at, yaw=yaw), p("page 2" if rng.random() < 0.3 else "cloth 5"))
         k = int(rng.integers(32))
         spine = shapes.quad(
             (x + lean * book_height, -0.002, book_height), (thickness, 0, 0), (-lean * book_height, 0, -book_height)
         )
         uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * [0.94 / 32, 1.0] + [(k + 0.03) / 32, 0]
-        p.draft.add(SurfacePart(spine.positions, spine.normals, uv, spine.faces).placed(at, yaw=yaw), p("spines"))
+        p.draft.add(SurfacePart(spine.positions, spine.normals, uv, spine.faces).transform(at, yaw=yaw), p("spines"))
         x += thickness + 0.002 + lean * book_height
 
 
@@ -144,14 +144,16 @@ def shelf(p: Palette, at: Vector, yaw: float, width: float, levels: int) -> None
     """Shelf with books and vases; its back, for a wall, is at +y."""
     rng = p.draft.rng
     level_height, depth = 0.34, 0.28
-    boards = [shapes.box((width, depth, 0.022)).placed((0, 0, 0.06 + k * level_height)) for k in range(levels + 1)]
-    boards += [shapes.box((0.022, depth, levels * level_height + 0.09)).placed((a * width / 2, 0, 0)) for a in (-1, 1)]
+    boards = [shapes.box((width, depth, 0.022)).transform((0, 0, 0.06 + k * level_height)) for k in range(levels + 1)]
+    boards += [
+        shapes.box((0.022, depth, levels * level_height + 0.09)).transform((a * width / 2, 0, 0)) for a in (-1, 1)
+    ]
     boards += [
         shapes.quad(
             (-width / 2, depth / 2, levels * level_height + 0.08), (width, 0, 0), (0, 0, -levels * level_height)
         )
     ]
-    p.draft.add(joined(boards).placed(at, yaw=yaw), p("wood 3"))
+    p.draft.add(join_parts(boards).transform(at, yaw=yaw), p("wood 3"))
     c, s = np.cos(yaw), np.sin(yaw)
 
     def place(x: float, y: float, z: float) -> Vector:
@@ -175,7 +177,7 @@ def vase(p: Palette, at: Vector, height: float, *, flowers: bool, material: str 
     )
     fluted = rng.random() < 0.4
     part = shapes.lathe(profile, 48, int(rng.integers(6, 16)) if fluted else 0, 0.1 if fluted else 0.0)
-    p.draft.add(part.placed(at), p(material or str(rng.choice(["glaze", "glaze 2", "marble", "chrome"]))))
+    p.draft.add(part.transform(at), p(material or str(rng.choice(["glaze", "glaze 2", "marble", "chrome"]))))
     if flowers:
         plant(p, (at[0], at[1], at[2] + height * 0.95), height * rng.uniform(0.9, 1.5), 40)
 
@@ -190,10 +192,10 @@ def plant(p: Palette, at: Vector, height: float, count: int, leaf: str = "sprig"
         path = np.concatenate([spread * t**1.6, height * rng.uniform(0.6, 1.1) * (t - 0.25 * t**3)], axis=1)
         stems.append(shapes.tube(path, 0.006 * height + 0.0015, 5))
         tips.append(path[rng.integers(2, 7, max(1, count // max(5, count // 6)))])
-    p.draft.add(joined(stems).placed(at), p("bark 2"))
+    p.draft.add(join_parts(stems).transform(at), p("bark 2"))
     centres = np.concatenate(tips)
     centres = centres + rng.normal(size=centres.shape) * 0.06 * height
-    p.draft.add(shapes.cards(rng, centres, 0.34 * height, 0.7).placed(at), p(leaf))
+    p.draft.add(shapes.cards(rng, centres, 0.34 * height, 0.7).transform(at), p(leaf))
 
 
 def potted(p: Palette, at: Vector, height: float) -> None:
@@ -211,7 +213,7 @@ def potted(p: Palette, at: Vector, height: float) -> None:
             [0, r * 1.5],
         ]
     )
-    p.draft.add(shapes.lathe(pot, 36).placed(at), p(str(p.draft.rng.choice(["glaze 3", "brick", "concrete"]))))
+    p.draft.add(shapes.lathe(pot, 36).transform(at), p(str(p.draft.rng.choice(["glaze 3", "brick", "concrete"]))))
     plant(p, (at[0], at[1], at[2] + r * 1.5), height * 0.75, 90)
 
 
@@ -229,7 +231,7 @@ def lattice(
                 parts.append(
                     shapes.rod((sign * (c + z0), sign * radius, z0), (sign * (c + z1), sign * radius, z1), radius, 4)
                 )
-    p.draft.add(joined(parts).placed(at, yaw=yaw), p(material))
+    p.draft.add(join_parts(parts).transform(at, yaw=yaw), p(material))
 
 
 def wheel(radius: float, spokes: int, tyre: float) -> tuple[SurfacePart, SurfacePart]:
@@ -245,15 +247,15 @@ def wheel(radius: float, spokes: int, tyre: float) -> tuple[SurfacePart, Surface
         a = 2 * np.pi * k / spokes
         end = ((radius - 2 * tyre) * np.cos(a), 0.0, (radius - 2 * tyre) * np.sin(a))
         rim.append(shapes.rod((0, tyre * (-1) ** k, 0), end, max(0.0016, tyre * 0.08), 4))
-    return tyre_part, joined(rim)
+    return tyre_part, join_parts(rim)
 
 
 def bicycle(p: Palette, at: Vector, yaw: float) -> None:
     """Bicycle with thin spokes, tubes and cables."""
     for x in (-0.52, 0.52):
         tyre, rim = wheel(0.34, 28, 0.018)
-        p.draft.add(tyre.placed((x, 0, 0.34)).placed(at, yaw=yaw), p("rubber"))
-        p.draft.add(rim.placed((x, 0, 0.34)).placed(at, yaw=yaw), p("chrome"))
+        p.draft.add(tyre.transform((x, 0, 0.34)).transform(at, yaw=yaw), p("rubber"))
+        p.draft.add(rim.transform((x, 0, 0.34)).transform(at, yaw=yaw), p("chrome"))
     joints = {
         "rear": (-0.52, 0, 0.34),
         "crank": (-0.08, 0, 0.3),
@@ -270,7 +272,7 @@ def bicycle(p: Palette, at: Vector, yaw: float) -> None:
         ("head", "front"),
     ]
     parts = [shapes.rod(joints[a], joints[b], 0.016, 10) for a, b in bars]
-    p.draft.add(joined(parts).placed(at, yaw=yaw), p("paint"))
+    p.draft.add(join_parts(parts).transform(at, yaw=yaw), p("paint"))
     bar = np.array([[0.3, -0.28, 0.98], [0.4, -0.2, 1.0], [0.36, 0, 0.98], [0.4, 0.2, 1.0], [0.3, 0.28, 0.98]])
     metal = [
         shapes.tube(bar, 0.012),
@@ -278,8 +280,8 @@ def bicycle(p: Palette, at: Vector, yaw: float) -> None:
         shapes.rod((-0.22, 0, 0.85), (-0.24, 0, 0.95), 0.013),
     ]
     metal += [shapes.wire((0.32, 0.2 * s, 0.99), (0.5, 0, 0.6), 0.1, 0.003) for s in (-1, 1)]
-    p.draft.add(joined(metal).placed(at, yaw=yaw), p("chrome"))
-    p.draft.add(shapes.ellipsoid((0.14, 0.07, 0.035)).placed((-0.24, 0, 0.97)).placed(at, yaw=yaw), p("rubber"))
+    p.draft.add(join_parts(metal).transform(at, yaw=yaw), p("chrome"))
+    p.draft.add(shapes.ellipsoid((0.14, 0.07, 0.035)).transform((-0.24, 0, 0.97)).transform(at, yaw=yaw), p("rubber"))
 
 
 def knot(rng: np.random.Generator, radius: float, thick: float) -> SurfacePart:

@@ -92,7 +92,7 @@ def _mole(p: Palette) -> None:
         else:
             for k in range(3):
                 crate = (at[0] + 0.1 * rng.normal(), at[1] + 0.1 * rng.normal(), 0.1 + 0.29 * k)
-                p.draft.add(shapes.box((0.6, 0.4, 0.28)).placed(crate, yaw=a + rng.normal() * 0.2), p(f"crate {k}"))
+                p.draft.add(shapes.box((0.6, 0.4, 0.28)).transform(crate, yaw=a + rng.normal() * 0.2), p(f"crate {k}"))
     quayside.road_mirror(p, (7.0 * np.cos(-0.42), 7.0 * np.sin(-0.42), 0.1), float(rng.uniform(-1.1, -0.7)))
     for a in rng.uniform(-2.9, -0.25, 5):
         quayside.reeds(p, (6.3 * np.cos(a), 6.3 * np.sin(a), WATER), rng.uniform(0.5, 1.0), 260)

@@ -6,7 +6,7 @@ from functools import partial
 from gaussian_enhancer.scene.procedural import harbour_textures as marine
 from gaussian_enhancer.scene.procedural.atlas import Texture
 from gaussian_enhancer.scene.procedural.draft import Draft
-from gaussian_enhancer.scene.procedural.noise import Colour, muted
+from gaussian_enhancer.scene.procedural.noise import Colour, random_muted_colour
 from gaussian_enhancer.scene.procedural.palette import Recipes
 from gaussian_enhancer.scene.procedural.textures import Random, bark, foliage, metal, plaster
 
@@ -24,7 +24,7 @@ def _recipe(
 
     def recipe(d: Draft) -> int:
         hue = hues[int(d.rng.integers(len(hues)))]
-        return d.material(paint(d.rng, muted(d.rng, saturation, value, hue)), size, **looks)
+        return d.material(paint(d.rng, random_muted_colour(d.rng, saturation, value, hue)), size, **looks)
 
     return recipe
 
@@ -35,7 +35,10 @@ def _plain(paint: Paint, colour: Colour, size: float, **looks: float) -> Callabl
 
 
 def _hull(rng: Random, colour: Colour) -> Texture:
-    line, below = muted(rng, (0.0, 0.2), (0.75, 0.95)), muted(rng, (0.4, 0.7), (0.25, 0.45), (0.98, 1.04))
+    line, below = (
+        random_muted_colour(rng, (0.0, 0.2), (0.75, 0.95)),
+        random_muted_colour(rng, (0.4, 0.7), (0.25, 0.45), (0.98, 1.04)),
+    )
     return marine.hull(rng, colour, line, below)
 
 

@@ -14,12 +14,12 @@ from gaussian_enhancer.types import Camera
 
 Triple = tuple[float, float, float]
 
-_WAVES = 1.7
+_WIND_FREQUENCY = 1.7
 """Spatial frequency of the wind's wave over the leaves, in radians per metre along each axis."""
 
 
 @dataclass(frozen=True)
-class Departure:
+class PhotoDeviation:
     """Deviation of one photo from the baked world.
 
     Args:
@@ -32,13 +32,13 @@ class Departure:
     gust: Triple
     phase: float
 
-    def of(self, world: World) -> World:
+    def apply_to(self, world: World) -> World:
         """Apply the deviation to a world: change the exposure, and displace faces with holes (leaves, nets) by wind."""
         exposure = world.mesh.corners.new_tensor(self.gains) * world.exposure
         if self.gust == (0.0, 0.0, 0.0):
             return replace(world, exposure=exposure)
         corners = world.mesh.corners
-        oscillation = torch.sin(self.phase + _WAVES * corners.mean(dim=1).sum(dim=1)) * world.mesh.cutout
+        oscillation = torch.sin(self.phase + _WIND_FREQUENCY * corners.mean(dim=1).sum(dim=1)) * world.mesh.cutout
         displaced_corners = corners + (oscillation[:, None] * corners.new_tensor(self.gust))[:, None]
         return replace(world, exposure=exposure, mesh=replace(world.mesh, corners=displaced_corners))
 
@@ -68,7 +68,7 @@ class Imperfections:
             if not math.isfinite(value) or value < 0:
                 raise InputError(f"scene.imperfections.{name}", f"is {value}", "give 0 or more")
 
-    def departure(self, generator: torch.Generator) -> Departure:
+    def draw_deviation(self, generator: torch.Generator) -> PhotoDeviation:
         """Draw the deviation of a photo."""
         exposure_noise, red_noise, blue_noise, x, y, z = torch.randn(
             6, generator=generator, dtype=torch.float64
@@ -76,9 +76,9 @@ class Imperfections:
         phase = 2 * math.pi * float(torch.rand((), generator=generator))
         stop = self.exposure * exposure_noise
         gains = (2 ** (stop + self.white_balance * red_noise), 2**stop, 2 ** (stop + self.white_balance * blue_noise))
-        return Departure(gains, (self.wind * x, self.wind * y, 0.4 * self.wind * z), phase)
+        return PhotoDeviation(gains, (self.wind * x, self.wind * y, 0.4 * self.wind * z), phase)
 
-    def stated(self, camera: Camera, distance: float, generator: torch.Generator) -> Camera:
+    def with_pose_error(self, camera: Camera, distance: float, generator: torch.Generator) -> Camera:
         """Return the true camera with a random pose error.
 
         Args:

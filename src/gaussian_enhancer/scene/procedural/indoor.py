@@ -5,7 +5,7 @@ import numpy as np
 from gaussian_enhancer.scene.procedural import furniture, nature, shapes
 from gaussian_enhancer.scene.procedural.daylight import daylight
 from gaussian_enhancer.scene.procedural.draft import Draft, LightSpec, SkySpec, Vector
-from gaussian_enhancer.scene.procedural.mesh import joined
+from gaussian_enhancer.scene.procedural.mesh import join_parts
 from gaussian_enhancer.scene.procedural.palette import Palette
 from gaussian_enhancer.scene.procedural.paths import room
 
@@ -64,9 +64,9 @@ def _shell(p: Palette, x: float, y: float, h: float) -> None:
         p.draft.add(shapes.quad((left, b, h), (right - left, 0, 0), (0, 0, -h), (left, 0)), walls)
     for c in centres:
         _window(p, c, b, window_width, sill_height, window_top, h, walls)
-    skirting = [shapes.box((x, 0.02, 0.1)).placed((0, s * (b - 0.01), 0)) for s in (-1, 1)]
-    skirting += [shapes.box((0.02, y, 0.1)).placed((s * (a - 0.01), 0, 0)) for s in (-1, 1)]
-    p.draft.add(joined(skirting), p("plaster 4"), casts=False)
+    skirting = [shapes.box((x, 0.02, 0.1)).transform((0, s * (b - 0.01), 0)) for s in (-1, 1)]
+    skirting += [shapes.box((0.02, y, 0.1)).transform((s * (a - 0.01), 0, 0)) for s in (-1, 1)]
+    p.draft.add(join_parts(skirting), p("plaster 4"), casts=False)
     p.draft.add(
         shapes.terrain(np.linspace(-60, 60, 5), np.linspace(b + 0.5, 90, 5), lambda u, v: -1.0 + 0 * u),
         p("turf"),
@@ -82,18 +82,18 @@ def _window(p: Palette, c: float, b: float, wide: float, low: float, high: float
     rng = p.draft.rng
     p.draft.add(shapes.quad((c - wide / 2, b, low), (wide, 0, 0), (0, 0, -low), (c - wide / 2, h - low)), walls)
     p.draft.add(shapes.quad((c - wide / 2, b, h), (wide, 0, 0), (0, 0, high - h), (c - wide / 2, 0)), walls)
-    frame = [shapes.box((0.06, 0.12, high - low)).placed((c + s * wide / 2, b, low)) for s in (-1, 1)]
-    frame += [shapes.box((wide + 0.06, 0.12, 0.06)).placed((c, b, z)) for z in (low, high - 0.06)]
-    frame += [shapes.box((0.03, 0.04, high - low)).placed((c + t * wide, b, low)) for t in (-0.17, 0.17)]
-    frame += [shapes.box((wide, 0.04, 0.025)).placed((c, b, low + t * (high - low))) for t in (0.33, 0.66)]
-    p.draft.add(joined(frame), p("plaster 4"))
-    p.draft.add(shapes.box((wide + 0.2, 0.24, 0.03)).placed((c, b - 0.1, low - 0.03)), p("marble"))
+    frame = [shapes.box((0.06, 0.12, high - low)).transform((c + s * wide / 2, b, low)) for s in (-1, 1)]
+    frame += [shapes.box((wide + 0.06, 0.12, 0.06)).transform((c, b, z)) for z in (low, high - 0.06)]
+    frame += [shapes.box((0.03, 0.04, high - low)).transform((c + t * wide, b, low)) for t in (-0.17, 0.17)]
+    frame += [shapes.box((wide, 0.04, 0.025)).transform((c, b, low + t * (high - low))) for t in (0.33, 0.66)]
+    p.draft.add(join_parts(frame), p("plaster 4"))
+    p.draft.add(shapes.box((wide + 0.2, 0.24, 0.03)).transform((c, b - 0.1, low - 0.03)), p("marble"))
     cloth = p("cloth 2")
     for s in (-1, 1):
         width = wide * rng.uniform(0.22, 0.4)
         left = c - wide / 2 - 0.12 if s < 0 else c + wide / 2 + 0.12 - width
         p.draft.add(
-            shapes.curtain(width, high + 0.05, int(rng.integers(4, 8)), 0.045).placed((left, b - 0.16, 0.03)), cloth
+            shapes.curtain(width, high + 0.05, int(rng.integers(4, 8)), 0.045).transform((left, b - 0.16, 0.03)), cloth
         )
     p.draft.add(
         shapes.rod((c - wide / 2 - 0.25, b - 0.16, high + 0.09), (c + wide / 2 + 0.25, b - 0.16, high + 0.09), 0.012),
@@ -103,7 +103,7 @@ def _window(p: Palette, c: float, b: float, wide: float, low: float, high: float
         shapes.rod((c + u, b - 0.08, 0.12), (c + u, b - 0.08, max(0.3, low - 0.1)), 0.018, 8)
         for u in np.arange(-wide * 0.4, wide * 0.4, 0.05)
     ]
-    p.draft.add(joined(ribs), p("paint 2"))
+    p.draft.add(join_parts(ribs), p("paint 2"))
     if rng.random() < 0.6:
         furniture.potted(p, (c + rng.uniform(-0.3, 0.3), b - 0.1, low), rng.uniform(0.3, 0.45))
 
@@ -114,7 +114,7 @@ def _lamp(p: Palette, h: float) -> None:
     x, y, z = rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5), h - rng.uniform(0.55, 0.8)
     p.draft.add(shapes.rod((x, y, z + 0.1), (x, y, h), 0.006), p("rubber"), casts=False)
     shade = np.array([[rng.uniform(0.2, 0.28), 0.0], [rng.uniform(0.08, 0.2), 0.24]])
-    p.draft.add(shapes.lathe(shade, 36).placed((x, y, z - 0.1)), p("lamp"), casts=False)
+    p.draft.add(shapes.lathe(shade, 36).transform((x, y, z - 0.1)), p("lamp"), casts=False)
     strength = rng.uniform(0.6, 1.0)
     colour = (1.0 * strength, 0.83 * strength, 0.6 * strength)
     p.draft.lights.append(LightSpec((x, y, z), (x, y, 0.0), z * 2.6, colour, local=True, side=1024))
@@ -124,7 +124,7 @@ def _arrange(p: Palette, x: float, y: float, h: float) -> None:
     """Furniture along the walls, and a table in the middle."""
     rng, a, b = p.draft.rng, x / 2, y / 2
     p.draft.add(
-        shapes.terrain(np.linspace(-1.3, 1.3, 8), np.linspace(-0.95, 0.95, 8), lambda u, v: 0.008 + 0 * u).placed(
+        shapes.terrain(np.linspace(-1.3, 1.3, 8), np.linspace(-0.95, 0.95, 8), lambda u, v: 0.008 + 0 * u).transform(
             (0, 0, 0), yaw=rng.normal() * 0.15
         ),
         p("cloth"),
@@ -175,5 +175,5 @@ def _pictures(p: Palette, x: float, y: float) -> None:
                 ((t + w, -b + 0.02, z - h), (t + w, -b + 0.02, z)),
             )
         ]
-        p.draft.add(joined(frame), p("wood 4" if k % 2 else "chrome"))
+        p.draft.add(join_parts(frame), p("wood 4" if k % 2 else "chrome"))
         furniture.flat_print(p, f"{name} {k}", (t, -b + 0.008, z), (w, 0, 0), (0, 0, -h))

@@ -14,14 +14,14 @@ from gaussian_enhancer.scene.procedural.atlas import Atlas
 from gaussian_enhancer.scene.procedural.draft import LightSpec, SkySpec, Vector
 from gaussian_enhancer.scene.procedural.mesh import Mesh
 from gaussian_enhancer.scene.procedural.raster import (
-    Keep,
+    KeepSamples,
     SampleGrid,
     barycentric,
     nearest_faces,
     project,
     sample_positions,
 )
-from gaussian_enhancer.scene.procedural.vector import dot, weighted
+from gaussian_enhancer.scene.procedural.vector import dot, interpolate_corners
 from gaussian_enhancer.types import Camera
 
 _SH0, _SH1 = 0.28209479, 0.48860251
@@ -40,14 +40,14 @@ def look_at(eye: Float[Tensor, " 3"], target: Float[Tensor, " 3"], focal: float,
     return Camera(K, pose.float(), height, width)
 
 
-def inverse_depth(mesh: Mesh, camera: Camera, keep: Keep, *, casting: bool = False) -> Float[Tensor, "h w"]:
+def inverse_depth(mesh: Mesh, camera: Camera, keep: KeepSamples, *, casting: bool = False) -> Float[Tensor, "h w"]:
     """Render 1/z at pixel centres, 0 where nothing is hit; `casting` leaves out faces that cast no shadow."""
     face_indices = mesh.casts.nonzero()[:, 0] if casting else torch.arange(len(mesh.casts), device=mesh.casts.device)
     projected = project(mesh.corners[face_indices], camera)
     grid = SampleGrid()
 
     def solid(face: Tensor, x: Tensor, y: Tensor) -> Tensor:
-        uv = weighted(barycentric(projected.edges[face], x, y)[0], mesh.uvs[face_indices[face]])
+        uv = interpolate_corners(barycentric(projected.edges[face], x, y)[0], mesh.uvs[face_indices[face]])
         return keep(face_indices[face], uv[:, 0], uv[:, 1])
 
     face = nearest_faces(projected, grid, camera.width, 0, camera.height, mesh.cutout[face_indices], solid)
@@ -64,7 +64,7 @@ class Light:
     camera: Camera
     shadow: Float[Tensor, "s s"]
 
-    def arriving(
+    def incident_light(
         self, points: Float[Tensor, "m 3"], normals: Float[Tensor, "m 3"]
     ) -> tuple[Float[Tensor, "m 3"], Float[Tensor, "m 3"], Float[Tensor, " m"]]:
         """Direction to the light, its colour at each point, and the share of it that is not in shadow."""
@@ -102,7 +102,7 @@ class Light:
         return torch.where(inside, lit_sum, torch.ones_like(lit_sum))
 
 
-def bake_light(spec: LightSpec, mesh: Mesh, keep: Keep) -> Light:
+def bake_light(spec: LightSpec, mesh: Mesh, keep: KeepSamples) -> Light:
     """Render a light's shadow map."""
     eye, target = torch.tensor(spec.position), torch.tensor(spec.target)
     distance = float((eye - target).norm())
@@ -185,7 +185,7 @@ class Ambient:
 
 def bake_ambient(
     mesh: Mesh,
-    keep: Keep,
+    keep: KeepSamples,
     sky: Sky,
     atlas: Atlas,
     corners: tuple[Vector, Vector],

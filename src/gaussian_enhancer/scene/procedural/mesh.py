@@ -25,7 +25,7 @@ class SurfacePart:
     uvs: Float[np.ndarray, "v 2"]
     faces: Int[np.ndarray, "f 3"]
 
-    def placed(
+    def transform(
         self,
         at: Vector | Float[np.ndarray, " 3"] = (0.0, 0.0, 0.0),
         *,
@@ -40,7 +40,7 @@ class SurfacePart:
         return SurfacePart(transformed, self.normals @ rotation.T, self.uvs * scale, self.faces)
 
 
-def joined(parts: list[SurfacePart]) -> SurfacePart:
+def join_parts(parts: list[SurfacePart]) -> SurfacePart:
     """Concatenate several parts to one."""
     starts = np.cumsum([0] + [len(part.positions) for part in parts])
     return SurfacePart(
@@ -90,7 +90,7 @@ class MeshBuilder:
 
     def build(self, cutout_materials: set[int], device: torch.device) -> Mesh:
         """Build the mesh on a device, without faces of zero area."""
-        merged = joined(self.parts)
+        merged = join_parts(self.parts)
         counts = [len(part.faces) for part in self.parts]
         material = np.repeat(np.array(self.materials), counts)
         casts = np.repeat(np.array(self.casts), counts)

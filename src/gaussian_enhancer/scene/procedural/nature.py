@@ -7,7 +7,7 @@ import numpy as np
 
 from gaussian_enhancer.scene.procedural import shapes
 from gaussian_enhancer.scene.procedural.draft import Vector
-from gaussian_enhancer.scene.procedural.mesh import joined
+from gaussian_enhancer.scene.procedural.mesh import join_parts
 from gaussian_enhancer.scene.procedural.palette import Palette
 
 
@@ -33,11 +33,11 @@ def tree(p: Palette, at: Vector, height: float, cards: int, kind: str = "") -> N
             wood.append(shapes.tube(twig, thickness * 0.22 * (1 - 0.8 * t[:, 0]), 4))
             ends.extend(twig[3:])
         ends.extend(branch[3:])
-    p.draft.add(joined(wood).placed(at), p("bark"))
+    p.draft.add(join_parts(wood).transform(at), p("bark"))
     centres = np.array(ends)[rng.integers(0, len(ends), cards)]
     centres = centres + rng.normal(size=(cards, 3)) * height * np.array([0.075, 0.075, 0.055])
     size = max(0.4, height * 0.15)
-    p.draft.add(shapes.cards(rng, centres, size).placed(at), p(f"leaves{kind}"))
+    p.draft.add(shapes.cards(rng, centres, size).transform(at), p(f"leaves{kind}"))
 
 
 def bush(p: Palette, at: Vector, radius: float, cards: int) -> None:
@@ -47,8 +47,8 @@ def bush(p: Palette, at: Vector, radius: float, cards: int) -> None:
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     centres = direction * np.array([1, 1, 0.8]) * radius * rng.uniform(0.7, 1.0, (cards, 1))
     centres[:, 2] = np.abs(centres[:, 2])
-    p.draft.add(shapes.cards(rng, centres, 0.42 * radius + 0.12, 0.9).placed(at), p("leaves 2"))
-    p.draft.add(shapes.ellipsoid((0.75 * radius, 0.75 * radius, 0.6 * radius)).placed(at), p("foliage"))
+    p.draft.add(shapes.cards(rng, centres, 0.42 * radius + 0.12, 0.9).transform(at), p("leaves 2"))
+    p.draft.add(shapes.ellipsoid((0.75 * radius, 0.75 * radius, 0.6 * radius)).transform(at), p("foliage"))
 
 
 def stone(p: Palette, at: Vector, size: float) -> None:
@@ -56,7 +56,7 @@ def stone(p: Palette, at: Vector, size: float) -> None:
     rng = p.draft.rng
     radii = size * rng.uniform(0.5, 1.0, 3)
     part = shapes.ellipsoid((radii[0], radii[1], radii[2] * 0.8), 26, rng.normal(size=(7, 3)) * 3.0)
-    p.draft.add(part.placed(at, yaw=rng.uniform(0, 6.3)), p("concrete 2"))
+    p.draft.add(part.transform(at, yaw=rng.uniform(0, 6.3)), p("concrete 2"))
 
 
 def grass(p: Palette, count: int, inner: float, outer: float, height: float) -> None:
@@ -96,10 +96,12 @@ def house(p: Palette, at: Vector, yaw: float, size: Vector, wall: str) -> None:
             for level in range(max(1, int(h / 2.9))):
                 u = (k + 0.5) * width / max(1, int(width / 2.4)) - width / 2
                 panes.append(
-                    shapes.quad((u - 0.5, -side - 0.03, level * 2.9 + 2.4), (1.0, 0, 0), (0, 0, -1.4)).placed(yaw=turn)
+                    shapes.quad((u - 0.5, -side - 0.03, level * 2.9 + 2.4), (1.0, 0, 0), (0, 0, -1.4)).transform(
+                        yaw=turn
+                    )
                 )
                 frames += [
-                    shapes.box((w, 0.14, t)).placed((u + dx, -side, level * 2.9 + z)).placed(yaw=turn)
+                    shapes.box((w, 0.14, t)).transform((u + dx, -side, level * 2.9 + z)).transform(yaw=turn)
                     for dx, z, w, t in (
                         (0, 0.9, 1.3, 0.1),
                         (0, 2.4, 1.2, 0.1),
@@ -108,9 +110,9 @@ def house(p: Palette, at: Vector, yaw: float, size: Vector, wall: str) -> None:
                         (0, 1.0, 0.05, 1.4),
                     )
                 ]
-    p.draft.add(joined(parts).placed(at, yaw=yaw), p(wall))
-    p.draft.add(joined(panes).placed(at, yaw=yaw), p("glass"))
-    p.draft.add(joined(frames).placed(at, yaw=yaw), p("plaster 3"))
+    p.draft.add(join_parts(parts).transform(at, yaw=yaw), p(wall))
+    p.draft.add(join_parts(panes).transform(at, yaw=yaw), p("glass"))
+    p.draft.add(join_parts(frames).transform(at, yaw=yaw), p("plaster 3"))
     ridge_height, overhang = h + 0.45 * y, 0.4
     slopes = [
         shapes.quad(
@@ -120,11 +122,11 @@ def house(p: Palette, at: Vector, yaw: float, size: Vector, wall: str) -> None:
         )
         for s in (-1, 1)
     ]
-    p.draft.add(joined(slopes).placed(at, yaw=yaw), p("tiles 3"))
+    p.draft.add(join_parts(slopes).transform(at, yaw=yaw), p("tiles 3"))
     gables = [
         shapes.triangle((s * x / 2, -y / 2, h), (s * x / 2, y / 2, h), (s * x / 2, 0, ridge_height)) for s in (-1, 1)
     ]
-    p.draft.add(joined(gables).placed(at, yaw=yaw), p(wall))
+    p.draft.add(join_parts(gables).transform(at, yaw=yaw), p(wall))
 
 
 def lamp_post(p: Palette, at: Vector, height: float) -> None:
@@ -134,6 +136,6 @@ def lamp_post(p: Palette, at: Vector, height: float) -> None:
     parts = [
         shapes.lathe(profile, 14),
         shapes.tube(arm, 0.025, 8),
-        shapes.ellipsoid((0.22, 0.1, 0.06)).placed((0.95, 0, height + 0.23)),
+        shapes.ellipsoid((0.22, 0.1, 0.06)).transform((0.95, 0, height + 0.23)),
     ]
-    p.draft.add(joined(parts).placed(at, yaw=p.draft.rng.uniform(0, 6.3)), p("iron"))
+    p.draft.add(join_parts(parts).transform(at, yaw=p.draft.rng.uniform(0, 6.3)), p("iron"))

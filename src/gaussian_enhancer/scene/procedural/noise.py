@@ -38,7 +38,7 @@ def fractal(
     return np.clip(0.5 + 0.2 * noise / noise.std(), 0, 1)
 
 
-def cells(
+def worley_noise(
     rng: np.random.Generator, grid: int, jitter: float = 0.9, side: int = SIDE
 ) -> tuple[Float[np.ndarray, "t t"], Float[np.ndarray, "t t"], Float[np.ndarray, "t t"]]:
     """Worley noise: distance to the nearest point, how much farther the second is, and a random value per cell."""
@@ -78,7 +78,7 @@ _HUES = ((0.0, 0.05), (0.05, 0.1), (0.07, 0.13), (0.09, 0.15), (0.55, 0.64), (0.
 _HUE_ODDS = (0.15, 0.25, 0.22, 0.12, 0.14, 0.07, 0.05)
 
 
-def muted(
+def random_muted_colour(
     rng: np.random.Generator,
     saturation: tuple[float, float] = (0.1, 0.45),
     value: tuple[float, float] = (0.3, 0.75),
@@ -90,11 +90,11 @@ def muted(
     return colorsys.hsv_to_rgb(rng.uniform(*hue) % 1.0, rng.uniform(*saturation), rng.uniform(*value))
 
 
-def earthy(rng: np.random.Generator, value: tuple[float, float] = (0.25, 0.65)) -> Colour:
+def random_earth_colour(rng: np.random.Generator, value: tuple[float, float] = (0.25, 0.65)) -> Colour:
     """Draw a colour from brown to grey, as of stone, soil or bark."""
-    return muted(rng, (0.08, 0.4), value, (0.04, 0.14))
+    return random_muted_colour(rng, (0.08, 0.4), value, (0.04, 0.14))
 
 
-def green(rng: np.random.Generator, value: tuple[float, float] = (0.25, 0.55)) -> Colour:
+def random_plant_colour(rng: np.random.Generator, value: tuple[float, float] = (0.25, 0.55)) -> Colour:
     """Draw a colour from green to olive, as of plants."""
-    return muted(rng, (0.3, 0.65), value, (0.17, 0.33))
+    return random_muted_colour(rng, (0.3, 0.65), value, (0.17, 0.33))

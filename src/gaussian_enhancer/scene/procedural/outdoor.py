@@ -6,7 +6,7 @@ from jaxtyping import Float
 from gaussian_enhancer.scene.procedural import furniture, nature, shapes
 from gaussian_enhancer.scene.procedural.daylight import daylight
 from gaussian_enhancer.scene.procedural.draft import Draft, SkySpec, Vector
-from gaussian_enhancer.scene.procedural.mesh import SurfacePart, joined
+from gaussian_enhancer.scene.procedural.mesh import SurfacePart, join_parts
 from gaussian_enhancer.scene.procedural.palette import Palette
 from gaussian_enhancer.scene.procedural.paths import walk
 
@@ -75,11 +75,11 @@ def _street(p: Palette) -> None:
         casts=False,
     )
     for x in np.arange(-20, 20, 1.0):
-        p.draft.add(shapes.box((0.98, 0.17, 0.16)).placed((x + 0.5, 2.28, -0.14)), p("concrete 3"))
+        p.draft.add(shapes.box((0.98, 0.17, 0.16)).transform((x + 0.5, 2.28, -0.14)), p("concrete 3"))
     for x in np.arange(-20, 20, 3.0):
         p.draft.add(shapes.quad((x, -2.9, -0.135), (1.5, 0, 0), (0, -0.12, 0)), p("plaster 5"), casts=False)
     p.draft.add(
-        shapes.lathe(np.array([[0.32, -0.134], [0.0, -0.134]]), 24).placed((rng.uniform(-3, 3), 0.6, 0)), p("iron")
+        shapes.lathe(np.array([[0.32, -0.134], [0.0, -0.134]]), 24).transform((rng.uniform(-3, 3), 0.6, 0)), p("iron")
     )
 
 
@@ -88,22 +88,24 @@ def _window(p: Palette, x: float, z: float, w: float, h: float, trim: str) -> No
     rng, y = p.draft.rng, _WALL
     p.draft.add(shapes.quad((x - w / 2, y - 0.012, z + h), (w, 0, 0), (0, 0, -h)), p("glass"))
     bars = [
-        shapes.box((w + 0.24, 0.16, 0.08)).placed((x, y - 0.06, z - 0.08)),
-        shapes.box((w + 0.16, 0.12, 0.12)).placed((x, y - 0.05, z + h)),
+        shapes.box((w + 0.24, 0.16, 0.08)).transform((x, y - 0.06, z - 0.08)),
+        shapes.box((w + 0.16, 0.12, 0.12)).transform((x, y - 0.05, z + h)),
     ]
-    bars += [shapes.box((0.07, 0.1, h)).placed((x + s * w / 2, y - 0.04, z)) for s in (-1, 1)]
-    bars += [shapes.box((0.03, 0.05, h)).placed((x + s, y - 0.025, z)) for s in ([0.0] if w < 1.1 else [-w / 6, w / 6])]
-    bars += [shapes.box((w, 0.05, 0.03)).placed((x, y - 0.025, z + h * s)) for s in (0.33, 0.66)]
-    p.draft.add(joined(bars), p(trim))
+    bars += [shapes.box((0.07, 0.1, h)).transform((x + s * w / 2, y - 0.04, z)) for s in (-1, 1)]
+    bars += [
+        shapes.box((0.03, 0.05, h)).transform((x + s, y - 0.025, z)) for s in ([0.0] if w < 1.1 else [-w / 6, w / 6])
+    ]
+    bars += [shapes.box((w, 0.05, 0.03)).transform((x, y - 0.025, z + h * s)) for s in (0.33, 0.66)]
+    p.draft.add(join_parts(bars), p(trim))
     if rng.random() < 0.3:
         for s in (-1, 1):
             slats = [
-                shapes.box((w / 2, 0.03, 0.045)).placed((x + s * (w * 0.77), y - 0.05, z + k * 0.075), tilt=0.5)
+                shapes.box((w / 2, 0.03, 0.045)).transform((x + s * (w * 0.77), y - 0.05, z + k * 0.075), tilt=0.5)
                 for k in range(int(h / 0.075))
             ]
-            p.draft.add(joined(slats), p("paint 2"))
+            p.draft.add(join_parts(slats), p("paint 2"))
     elif rng.random() < 0.4:
-        p.draft.add(shapes.box((w, 0.2, 0.18)).placed((x, y - 0.2, z - 0.06)), p("wood 2"))
+        p.draft.add(shapes.box((w, 0.2, 0.18)).transform((x, y - 0.2, z - 0.06)), p("wood 2"))
         for k in range(4):
             furniture.plant(p, (x + (k - 1.5) * w / 4, y - 0.2, z + 0.1), rng.uniform(0.2, 0.35), 18)
 
@@ -112,10 +114,10 @@ def _facade(p: Palette, x: float, width: float, height: float, wall: str) -> Non
     """House front: plinth, door, windows or a shop on the ground floor, windows above, cornice, pipe and posters."""
     rng, y = p.draft.rng, _WALL
     trim = f"plaster {int(rng.integers(6, 9))}"
-    p.draft.add(shapes.box((width, 6.0, height)).placed((x + width / 2, y + 3.0, 0)), p(wall))
-    p.draft.add(shapes.box((width, 0.1, 0.55)).placed((x + width / 2, y - 0.05, 0)), p("concrete 2"))
-    p.draft.add(shapes.box((width + 0.1, 0.45, 0.2)).placed((x + width / 2, y - 0.1, height)), p(trim))
-    p.draft.add(shapes.box((width, 0.18, 0.14)).placed((x + width / 2, y - 0.08, 3.1)), p(trim))
+    p.draft.add(shapes.box((width, 6.0, height)).transform((x + width / 2, y + 3.0, 0)), p(wall))
+    p.draft.add(shapes.box((width, 0.1, 0.55)).transform((x + width / 2, y - 0.05, 0)), p("concrete 2"))
+    p.draft.add(shapes.box((width + 0.1, 0.45, 0.2)).transform((x + width / 2, y - 0.1, height)), p(trim))
+    p.draft.add(shapes.box((width, 0.18, 0.14)).transform((x + width / 2, y - 0.08, 3.1)), p(trim))
     count = int(width / rng.uniform(1.5, 2.1))
     door = int(rng.integers(count))
     shop = rng.random() < 0.5
@@ -126,18 +128,18 @@ def _facade(p: Palette, x: float, width: float, height: float, wall: str) -> Non
             if level or (k != door and not shop):
                 _window(p, u, 0.95 + 3.0 * level, w, h, trim)
     u = x + (door + 0.5) * width / count
-    p.draft.add(shapes.box((1.0, 0.1, 2.2)).placed((u, y - 0.02, 0.05)), p(f"wood {int(rng.integers(1, 4))}"))
+    p.draft.add(shapes.box((1.0, 0.1, 2.2)).transform((u, y - 0.02, 0.05)), p(f"wood {int(rng.integers(1, 4))}"))
     p.draft.add(
-        joined(
-            [shapes.box((0.1, 0.2, 2.35)).placed((u + s * 0.55, y - 0.05, 0)) for s in (-1, 1)]
+        join_parts(
+            [shapes.box((0.1, 0.2, 2.35)).transform((u + s * 0.55, y - 0.05, 0)) for s in (-1, 1)]
             + [
-                shapes.box((1.3, 0.22, 0.14)).placed((u, y - 0.06, 2.3)),
-                shapes.box((1.3, 0.5, 0.15)).placed((u, y - 0.25, 0)),
+                shapes.box((1.3, 0.22, 0.14)).transform((u, y - 0.06, 2.3)),
+                shapes.box((1.3, 0.5, 0.15)).transform((u, y - 0.25, 0)),
             ]
         ),
         p(trim),
     )
-    p.draft.add(shapes.ellipsoid((0.03, 0.03, 0.03)).placed((u + 0.4, y - 0.11, 1.1)), p("chrome"))
+    p.draft.add(shapes.ellipsoid((0.03, 0.03, 0.03)).transform((u + 0.4, y - 0.11, 1.1)), p("chrome"))
     if shop:
         _shop(p, x, width, u)
     pipe = x + 0.15
@@ -168,11 +170,12 @@ def _shop(p: Palette, x: float, width: float, door: float) -> None:
         if right - left < 0.6:
             continue
         p.draft.add(shapes.quad((left, y - 0.055, 2.4), (right - left, 0, 0), (0, 0, -1.8)), p("glass"))
-        bars = [shapes.box((0.06, 0.08, 1.85)).placed((u, y - 0.07, 0.58)) for u in np.linspace(left, right, 3)]
+        bars = [shapes.box((0.06, 0.08, 1.85)).transform((u, y - 0.07, 0.58)) for u in np.linspace(left, right, 3)]
         bars += [
-            shapes.box((right - left, 0.08, 0.06)).placed(((left + right) / 2, y - 0.07, z)) for z in (0.56, 2.0, 2.4)
+            shapes.box((right - left, 0.08, 0.06)).transform(((left + right) / 2, y - 0.07, z))
+            for z in (0.56, 2.0, 2.4)
         ]
-        p.draft.add(joined(bars), p("wood 3"))
+        p.draft.add(join_parts(bars), p("wood 3"))
         furniture.flat_print(p, "page", (left + 0.1, y - 0.06, 1.5), (0.3, 0, 0), (0, 0, -0.4))
     if rng.random() < 0.75:
         p.draft.add(shapes.quad((x + 0.4, y - 0.1, 2.55), (width - 0.8, 0, 0), (0, -1.1, -0.45)), p("cloth"))
@@ -237,7 +240,7 @@ def vehicle(p: Palette, at: Vector, yaw: float) -> None:
     uv = np.stack(np.broadcast_arrays(along[None], np.linspace(0, 2 * half, 17)[:, None]), axis=-1)
     body = shapes.sheet(loft, uv)
     sides = [_cap(loft[0]), _cap(loft[-1])]
-    p.draft.add(joined([body, *sides]).placed(at, yaw=yaw), p(f"paint {int(rng.integers(3, 6))}"))
+    p.draft.add(join_parts([body, *sides]).transform(at, yaw=yaw), p(f"paint {int(rng.integers(3, 6))}"))
     _trimmings(p, at, yaw, length, half, hood, top)
 
 
@@ -252,7 +255,7 @@ def _cap(ring: Float[np.ndarray, "k 3"]) -> SurfacePart:
 
 def _trimmings(p: Palette, at: Vector, yaw: float, length: float, half: float, hood: float, top: float) -> None:
     def put(part: SurfacePart, material: str) -> None:
-        p.draft.add(part.placed(at, yaw=yaw), p(material))
+        p.draft.add(part.transform(at, yaw=yaw), p(material))
 
     for s in (-1, 1):
         edge = half * 1.005
@@ -264,25 +267,25 @@ def _trimmings(p: Palette, at: Vector, yaw: float, length: float, half: float, h
                 ),
                 "glass",
             )
-        put(shapes.box((length * 0.8, 0.03, 0.05)).placed((0, s * edge, 0.62)), "rubber")
-        put(shapes.ellipsoid((0.08, 0.09, 0.07)).placed((-length * 0.24, s * (half + 0.12), hood + 0.06)), "rubber")
+        put(shapes.box((length * 0.8, 0.03, 0.05)).transform((0, s * edge, 0.62)), "rubber")
+        put(shapes.ellipsoid((0.08, 0.09, 0.07)).transform((-length * 0.24, s * (half + 0.12), hood + 0.06)), "rubber")
         for x in (-0.31, 0.31):
             tyre, rim = furniture.wheel(0.32, 12, 0.07)
-            put(tyre.placed((x * length, s * (half - 0.06), 0.32)), "rubber")
-            put(rim.placed((x * length, s * (half - 0.06), 0.32)), "chrome")
+            put(tyre.transform((x * length, s * (half - 0.06), 0.32)), "rubber")
+            put(rim.transform((x * length, s * (half - 0.06), 0.32)), "chrome")
         for x in (-0.495, 0.495):
             put(
-                shapes.ellipsoid((0.07, 0.13, 0.08)).placed((x * length, s * half * 0.68, 0.72)),
+                shapes.ellipsoid((0.07, 0.13, 0.08)).transform((x * length, s * half * 0.68, 0.72)),
                 "chrome" if x < 0 else "paint 6",
             )
     for x in (-0.5, 0.5):
-        put(shapes.box((0.1, 1.7 * half, 0.14)).placed((x * length, 0, 0.4)), "rubber")
+        put(shapes.box((0.1, 1.7 * half, 0.14)).transform((x * length, 0, 0.4)), "rubber")
         sign = 1.0 if x > 0 else -1.0
         plate = shapes.quad((x * length + sign * 0.055, -0.26, 0.54), (0, 0.52, 0), (0, 0, -0.12))
         p.draft.add(
-            SurfacePart(plate.positions, plate.normals, plate.uvs / plate.uvs.max(0) * [0.6, 0.25], plate.faces).placed(
-                at, yaw=yaw
-            ),
+            SurfacePart(
+                plate.positions, plate.normals, plate.uvs / plate.uvs.max(0) * [0.6, 0.25], plate.faces
+            ).transform(at, yaw=yaw),
             p("sign"),
         )
     slant = shapes.quad(
@@ -302,7 +305,7 @@ def _furnish(p: Palette) -> None:
     posts = np.arange(-18, 19, rng.uniform(5.5, 8.0)) + rng.uniform(-1, 1)
     for k, u in enumerate(posts):
         p.draft.add(shapes.rod((u, 2.7, 0), (u, 2.7, 6.5), 0.08, 12), p("wood 4"))
-        p.draft.add(shapes.box((0.08, 1.3, 0.08)).placed((u, 2.7, 6.0)), p("wood 4"))
+        p.draft.add(shapes.box((0.08, 1.3, 0.08)).transform((u, 2.7, 6.0)), p("wood 4"))
         if k:
             for y in (2.15, 2.5, 2.9, 3.25):
                 p.draft.add(
@@ -334,7 +337,7 @@ def _furnish(p: Palette) -> None:
                     [0.0, 0.92],
                 ]
             )
-            p.draft.add(shapes.lathe(ribs, 28).placed(at), p("paint 7"))
+            p.draft.add(shapes.lathe(ribs, 28).transform(at), p("paint 7"))
         else:
             furniture.chair(p, at, rng.uniform(0, 6.3))
             furniture.table(p, (u + 0.7, at[1], 0.0), 0.3, (0.7, 0.7), 0.72, "iron")

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from gaussian_enhancer.scene.procedural import printed_textures as printed
 from gaussian_enhancer.scene.procedural import textures
 from gaussian_enhancer.scene.procedural.draft import Draft
-from gaussian_enhancer.scene.procedural.noise import earthy, green, muted
+from gaussian_enhancer.scene.procedural.noise import random_earth_colour, random_muted_colour, random_plant_colour
 
 Recipes = Mapping[str, Callable[[Draft], int]]
 
@@ -34,7 +34,7 @@ class Palette:
 
 
 def _wood(d: Draft) -> int:
-    colour = muted(d.rng, (0.3, 0.6), (0.3, 0.7), (0.05, 0.11))
+    colour = random_muted_colour(d.rng, (0.3, 0.6), (0.3, 0.7), (0.05, 0.11))
     count = int(d.rng.integers(3, 9))
     return d.material(
         textures.planks(d.rng, colour, count),
@@ -47,14 +47,16 @@ def _wood(d: Draft) -> int:
 
 
 def _brick(d: Draft) -> int:
-    colour = d.pick(muted(d.rng, (0.35, 0.6), (0.4, 0.65), (0.0, 0.06)), earthy(d.rng, (0.5, 0.75)))
-    texture = textures.brick(d.rng, colour, earthy(d.rng, (0.5, 0.75)), int(d.rng.choice([10, 12, 14])))  # type: ignore[arg-type]
+    colour = d.pick(
+        random_muted_colour(d.rng, (0.35, 0.6), (0.4, 0.65), (0.0, 0.06)), random_earth_colour(d.rng, (0.5, 0.75))
+    )
+    texture = textures.brick(d.rng, colour, random_earth_colour(d.rng, (0.5, 0.75)), int(d.rng.choice([10, 12, 14])))  # type: ignore[arg-type]
     return d.material(texture, d.rng.uniform(0.9, 1.3), relief=0.012)
 
 
 def _plaster(d: Draft) -> int:
     return d.material(
-        textures.plaster(d.rng, muted(d.rng, (0.05, 0.35), (0.5, 0.85))),
+        textures.plaster(d.rng, random_muted_colour(d.rng, (0.05, 0.35), (0.5, 0.85))),
         d.rng.uniform(1.5, 2.5),
         relief=0.02,
         detail=0.15,
@@ -63,33 +65,46 @@ def _plaster(d: Draft) -> int:
 
 
 def _concrete(d: Draft) -> int:
-    return d.material(textures.concrete(d.rng, muted(d.rng, (0.02, 0.12), (0.45, 0.7))), d.rng.uniform(1.2, 2.2))
+    return d.material(
+        textures.concrete(d.rng, random_muted_colour(d.rng, (0.02, 0.12), (0.45, 0.7))), d.rng.uniform(1.2, 2.2)
+    )
 
 
 def _asphalt(d: Draft) -> int:
     return d.material(
-        textures.asphalt(d.rng, muted(d.rng, (0.0, 0.1), (0.25, 0.42))), 1.6, reflectance=0.04, roughness=0.6
+        textures.asphalt(d.rng, random_muted_colour(d.rng, (0.0, 0.1), (0.25, 0.42))),
+        1.6,
+        reflectance=0.04,
+        roughness=0.6,
     )
 
 
 def _cobble(d: Draft) -> int:
     return d.material(
-        textures.cobble(d.rng, earthy(d.rng, (0.4, 0.65))), d.rng.uniform(1.0, 1.6), relief=0.03, roughness=0.5
+        textures.cobble(d.rng, random_earth_colour(d.rng, (0.4, 0.65))),
+        d.rng.uniform(1.0, 1.6),
+        relief=0.03,
+        roughness=0.5,
     )
 
 
 def _gravel(d: Draft) -> int:
-    return d.material(textures.gravel(d.rng, earthy(d.rng)), d.rng.uniform(0.8, 1.4), relief=0.02)
+    return d.material(textures.gravel(d.rng, random_earth_colour(d.rng)), d.rng.uniform(0.8, 1.4), relief=0.02)
 
 
 def _turf(d: Draft) -> int:
     return d.material(
-        textures.turf(d.rng, green(d.rng), earthy(d.rng, (0.4, 0.6))), d.rng.uniform(0.9, 1.6), relief=0.03
+        textures.turf(d.rng, random_plant_colour(d.rng), random_earth_colour(d.rng, (0.4, 0.6))),
+        d.rng.uniform(0.9, 1.6),
+        relief=0.03,
     )
 
 
 def _tiles(d: Draft) -> int:
-    light, dark = muted(d.rng, (0.02, 0.2), (0.6, 0.85)), muted(d.rng, (0.1, 0.45), (0.25, 0.6))
+    light, dark = (
+        random_muted_colour(d.rng, (0.02, 0.2), (0.6, 0.85)),
+        random_muted_colour(d.rng, (0.1, 0.45), (0.25, 0.6)),
+    )
     pattern = str(d.rng.choice(["checks", "plain", "ornament"]))
     texture = textures.tiles(d.rng, light, dark, int(d.rng.integers(4, 8)), pattern)
     return d.material(texture, d.rng.uniform(1.0, 2.0), reflectance=0.05, roughness=0.25, relief=0.006)
@@ -97,13 +112,19 @@ def _tiles(d: Draft) -> int:
 
 def _cloth(d: Draft) -> int:
     pattern = str(d.rng.choice(["plaid", "stripes", "dots", "plain"]))
-    texture = textures.cloth(d.rng, muted(d.rng), muted(d.rng, value=(0.4, 0.8)), pattern, int(d.rng.integers(3, 8)))
+    texture = textures.cloth(
+        d.rng,
+        random_muted_colour(d.rng),
+        random_muted_colour(d.rng, value=(0.4, 0.8)),
+        pattern,
+        int(d.rng.integers(3, 8)),
+    )
     return d.material(texture, d.rng.uniform(0.4, 0.8), reflectance=0.02, roughness=0.9, relief=0.004)
 
 
 def _marble(d: Draft) -> int:
     return d.material(
-        textures.marble(d.rng, muted(d.rng, (0.02, 0.25), (0.4, 0.9))),
+        textures.marble(d.rng, random_muted_colour(d.rng, (0.02, 0.25), (0.4, 0.9))),
         d.rng.uniform(0.5, 1.1),
         reflectance=0.05,
         roughness=0.15,
@@ -112,25 +133,32 @@ def _marble(d: Draft) -> int:
 
 
 def _glaze(d: Draft) -> int:
-    first, second = muted(d.rng, (0.2, 0.6), (0.2, 0.75)), muted(d.rng, (0.1, 0.4), (0.5, 0.85))
+    first, second = (
+        random_muted_colour(d.rng, (0.2, 0.6), (0.2, 0.75)),
+        random_muted_colour(d.rng, (0.1, 0.4), (0.5, 0.85)),
+    )
     texture = textures.tiles(d.rng, first, second, 4, str(d.rng.choice(["ornament", "checks"])))
     return d.material(texture, d.rng.uniform(0.25, 0.5), reflectance=0.06, roughness=0.12, relief=0.001, detail=0.15)
 
 
 def _paint(d: Draft) -> int:
-    texture = textures.metal(d.rng, muted(d.rng, (0.1, 0.6), (0.2, 0.75)), float(d.rng.uniform(0.0, 0.3)))
+    texture = textures.metal(d.rng, random_muted_colour(d.rng, (0.1, 0.6), (0.2, 0.75)), float(d.rng.uniform(0.0, 0.3)))
     return d.material(texture, 0.9, reflectance=0.06, roughness=0.2, relief=0.002, detail=0.15)
 
 
 def _chrome(d: Draft) -> int:
-    texture = textures.metal(d.rng, muted(d.rng, (0.0, 0.15), (0.7, 0.88)), float(d.rng.uniform(0.0, 0.25)))
+    texture = textures.metal(
+        d.rng, random_muted_colour(d.rng, (0.0, 0.15), (0.7, 0.88)), float(d.rng.uniform(0.0, 0.25))
+    )
     return d.material(
         texture, 0.7, reflectance=0.6, roughness=float(d.rng.uniform(0.12, 0.4)), relief=0.002, detail=0.1
     )
 
 
 def _iron(d: Draft) -> int:
-    texture = textures.metal(d.rng, muted(d.rng, (0.0, 0.2), (0.12, 0.35)), float(d.rng.uniform(0.1, 0.5)))
+    texture = textures.metal(
+        d.rng, random_muted_colour(d.rng, (0.0, 0.2), (0.12, 0.35)), float(d.rng.uniform(0.1, 0.5))
+    )
     return d.material(texture, 0.5, reflectance=0.08, roughness=0.4, relief=0.004)
 
 
@@ -145,21 +173,25 @@ def _glass(d: Draft) -> int:
 
 
 def _bark(d: Draft) -> int:
-    return d.material(textures.bark(d.rng, earthy(d.rng, (0.3, 0.55))), 0.6, relief=0.02)
+    return d.material(textures.bark(d.rng, random_earth_colour(d.rng, (0.3, 0.55))), 0.6, relief=0.02)
 
 
 def _foliage(d: Draft) -> int:
-    return d.material(textures.foliage(d.rng, green(d.rng)), 3.0, relief=0.05)
+    return d.material(textures.foliage(d.rng, random_plant_colour(d.rng)), 3.0, relief=0.05)
 
 
 def _leaves(d: Draft, size: float = 0.5) -> int:
-    colour = d.pick(green(d.rng), green(d.rng), muted(d.rng, (0.4, 0.65), (0.35, 0.6), (0.05, 0.14)))
+    colour = d.pick(
+        random_plant_colour(d.rng),
+        random_plant_colour(d.rng),
+        random_muted_colour(d.rng, (0.4, 0.65), (0.35, 0.6), (0.05, 0.14)),
+    )
     texture = textures.leaves(d.rng, colour, int(d.rng.integers(34, 60)), d.rng.uniform(0.2, 0.5))  # type: ignore[arg-type]
     return d.material(texture, size, reflectance=0.04, roughness=0.45, relief=0.002, translucency=0.35, detail=0.2)
 
 
 def _blades(d: Draft) -> int:
-    texture = textures.turf(d.rng, green(d.rng, (0.4, 0.65)), earthy(d.rng, (0.5, 0.7)))
+    texture = textures.turf(d.rng, random_plant_colour(d.rng, (0.4, 0.65)), random_earth_colour(d.rng, (0.5, 0.7)))
     return d.material(texture, 1.5, relief=0.0, translucency=0.35, reflectance=0.03)
 
 

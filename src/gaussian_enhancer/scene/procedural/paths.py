@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from gaussian_enhancer.scene.procedural.draft import CameraPath, Vector
 
-Places = tuple[Float[np.ndarray, "c 3"], Float[np.ndarray, "c 3"]]
+CameraPositions = tuple[Float[np.ndarray, "c 3"], Float[np.ndarray, "c 3"]]
 
 
 def orbit(
@@ -25,7 +25,7 @@ def orbit(
         wander: scale of the random motion of camera and target, metres.
     """
 
-    def path(views: int) -> Places:
+    def path(views: int) -> CameraPositions:
         rng = np.random.default_rng([seed, views, 1])
         t = np.arange(views) / views
         angle = 2 * np.pi * (turns * t + rng.uniform())
@@ -45,7 +45,7 @@ def orbit(
 def hemisphere(seed: int, target: Vector, radius: float) -> CameraPath:
     """Cameras distributed evenly over the upper hemisphere, as in NeRF-Synthetic, ordered along an upward spiral."""
 
-    def path(views: int) -> Places:
+    def path(views: int) -> CameraPositions:
         rng = np.random.default_rng([seed, views, 2])
         t = (np.arange(views) + 0.5) / views
         up = np.clip(0.05 + 0.9 * t + 0.03 * rng.normal(size=views), 0.02, 0.97)
@@ -60,7 +60,7 @@ def hemisphere(seed: int, target: Vector, radius: float) -> CameraPath:
 def walk(seed: int, start: Vector, end: Vector, aim: tuple[Vector, Vector], sway: float = 0.25) -> CameraPath:
     """Path along a line and back at another height and 1.1 m aside, looking at a point that moves along `aim`."""
 
-    def path(views: int) -> Places:
+    def path(views: int) -> CameraPositions:
         rng = np.random.default_rng([seed, views, 3])
         t = np.arange(views) / views
         fraction = (1 - np.abs(2 * t - 1))[:, None]
@@ -78,7 +78,7 @@ def walk(seed: int, start: Vector, end: Vector, aim: tuple[Vector, Vector], sway
 def room(seed: int, size: tuple[float, float], inset: float, heights: tuple[float, float]) -> CameraPath:
     """Elliptical path inside a room; the cameras look across it."""
 
-    def path(views: int) -> Places:
+    def path(views: int) -> CameraPositions:
         rng = np.random.default_rng([seed, views, 4])
         t = np.arange(views) / views
         angle = 2 * np.pi * (t + rng.uniform())
@@ -109,7 +109,7 @@ def mole(
         heights: camera heights on the way out and on the way back, metres.
     """
 
-    def path(views: int) -> Places:
+    def path(views: int) -> CameraPositions:
         rng = np.random.default_rng([seed, views, 5])
         t = np.arange(views) / views
         returning = (t > 0.5).astype(float)

@@ -7,7 +7,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from gaussian_enhancer.scene.procedural.atlas import Texture
-from gaussian_enhancer.scene.procedural.noise import Colour, fractal, muted
+from gaussian_enhancer.scene.procedural.noise import Colour, fractal, random_muted_colour
 
 PRINT_SIDE = 1024
 _TEXT = (
@@ -52,7 +52,10 @@ def _paragraph(
 
 def page(rng: np.random.Generator) -> Texture:
     """Newspaper page: a title and three columns, each with a headline, small print and a grey picture."""
-    paper, ink = muted(rng, (0.02, 0.12), (0.8, 0.92), (0.08, 0.16)), muted(rng, (0.0, 0.2), (0.08, 0.2))
+    paper, ink = (
+        random_muted_colour(rng, (0.02, 0.12), (0.8, 0.92), (0.08, 0.16)),
+        random_muted_colour(rng, (0.0, 0.2), (0.08, 0.2)),
+    )
     image = Image.new("RGB", (PRINT_SIDE, PRINT_SIDE), _rgb(paper))
     draw = ImageDraw.Draw(image)
     draw.text((40, 24), _words(rng, 2).upper(), fill=_rgb(ink), font=ImageFont.load_default(90))
@@ -70,16 +73,22 @@ def page(rng: np.random.Generator) -> Texture:
 
 def poster(rng: np.random.Generator) -> Texture:
     """Poster: shapes on a plain background, three large words, and small print below."""
-    background, line_colour, ink = muted(rng), muted(rng, value=(0.4, 0.85)), muted(rng, (0.05, 0.3), (0.08, 0.9))
+    background, line_colour, ink = (
+        random_muted_colour(rng),
+        random_muted_colour(rng, value=(0.4, 0.85)),
+        random_muted_colour(rng, (0.05, 0.3), (0.08, 0.9)),
+    )
     image = Image.new("RGB", (PRINT_SIDE, PRINT_SIDE), _rgb(background))
     draw = ImageDraw.Draw(image)
     for _ in range(int(rng.integers(4, 12))):
         x, y, r = (int(value) for value in rng.uniform((0, 100, 40), (1024, 900, 320)))
         kind = rng.integers(3)
         if kind == 0:
-            draw.ellipse((x - r, y - r, x + r, y + r), fill=_rgb(muted(rng)), outline=_rgb(line_colour), width=8)
+            draw.ellipse(
+                (x - r, y - r, x + r, y + r), fill=_rgb(random_muted_colour(rng)), outline=_rgb(line_colour), width=8
+            )
         elif kind == 1:
-            draw.rectangle((x - r, y - r // 2, x + r, y + r // 2), fill=_rgb(muted(rng)))
+            draw.rectangle((x - r, y - r // 2, x + r, y + r // 2), fill=_rgb(random_muted_colour(rng)))
         else:
             for k in range(0, r, 26):
                 draw.line((x - r, y - k, x + r, y - k + 40), fill=_rgb(line_colour), width=9)
@@ -94,8 +103,8 @@ def sign(rng: np.random.Generator) -> Texture:
     image = Image.new("RGB", (PRINT_SIDE, PRINT_SIDE))
     draw = ImageDraw.Draw(image)
     for k in range(4):
-        background = muted(rng, (0.2, 0.6), (0.15, 0.6))
-        ink = muted(rng, (0.02, 0.25), (0.75, 0.92))
+        background = random_muted_colour(rng, (0.2, 0.6), (0.15, 0.6))
+        ink = random_muted_colour(rng, (0.02, 0.25), (0.75, 0.92))
         top = 256 * k
         draw.rectangle((0, top, 1024, top + 256), fill=_rgb(background))
         draw.rectangle((12, top + 12, 1011, top + 243), outline=_rgb(ink), width=6)
@@ -109,9 +118,9 @@ def spines(rng: np.random.Generator) -> Texture:
     image = Image.new("RGB", (PRINT_SIDE, PRINT_SIDE))
     width = PRINT_SIDE // 32
     for k in range(32):
-        spine = Image.new("RGB", (PRINT_SIDE, width), _rgb(muted(rng, (0.1, 0.6), (0.15, 0.75))))
+        spine = Image.new("RGB", (PRINT_SIDE, width), _rgb(random_muted_colour(rng, (0.1, 0.6), (0.15, 0.75))))
         draw = ImageDraw.Draw(spine)
-        ink = _rgb(muted(rng, (0.05, 0.4), (0.7, 0.92) if rng.random() < 0.7 else (0.05, 0.2)))
+        ink = _rgb(random_muted_colour(rng, (0.05, 0.4), (0.7, 0.92) if rng.random() < 0.7 else (0.05, 0.2)))
         draw.text((90, 2), _words(rng, 3).title(), fill=ink, font=ImageFont.load_default(22))
         for x in (40, 60, 960):
             draw.line((x, 0, x, width), fill=ink, width=int(rng.integers(2, 10)))

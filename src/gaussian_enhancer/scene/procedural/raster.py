@@ -35,7 +35,7 @@ class SampleGrid:
 
 
 @dataclass(frozen=True)
-class Projected:
+class ProjectedFaces:
     """Faces projected by one camera.
 
     Args:
@@ -51,7 +51,7 @@ class Projected:
     faces: Int[Tensor, " n"]
 
 
-def project(corners: Float[Tensor, "f 3 3"], camera: Camera) -> Projected:
+def project(corners: Float[Tensor, "f 3 3"], camera: Camera) -> ProjectedFaces:
     """Project faces (world corners) in float64; in float32, far and oblique faces suffer from cancellation."""
     K, pose = camera.K.to(corners.device).double(), camera.world_to_camera.to(corners.device).double()
     points = corners.double() @ pose[:3, :3].T + pose[:3, 3]
@@ -67,7 +67,7 @@ def project(corners: Float[Tensor, "f 3 3"], camera: Camera) -> Projected:
     bottom = torch.where(in_front, y.amax(1), torch.full_like(det, limit))
     outside = in_front & ((x.amax(1) < 0) | (x.amin(1) > camera.width) | (bottom < 0) | (top > limit))
     in_view = (z > NEAR).any(1) & ~outside & torch.isfinite(edges).all(2).all(1)
-    return Projected(edges, top, bottom, in_view.nonzero()[:, 0])
+    return ProjectedFaces(edges, top, bottom, in_view.nonzero()[:, 0])
 
 
 def sample_positions(
@@ -94,17 +94,17 @@ def barycentric(
     return (weights * z[:, None]).float(), z.float()
 
 
-Keep = Callable[[Int[Tensor, " n"], Float[Tensor, " n"], Float[Tensor, " n"]], Bool[Tensor, " n"]]
+KeepSamples = Callable[[Int[Tensor, " n"], Float[Tensor, " n"], Float[Tensor, " n"]], Bool[Tensor, " n"]]
 
 
 def nearest_faces(
-    projected: Projected,
+    projected: ProjectedFaces,
     grid: SampleGrid,
     width: int,
     first: int,
     last: int,
     cutout: Bool[Tensor, " f"],
-    keep: Keep,
+    keep: KeepSamples,
 ) -> Int[Tensor, " n"]:
     """Return the nearest face at each sample of rows `first` to `last` - 1; -1 where there is none.
 
@@ -137,7 +137,7 @@ def nearest_faces(
 
 
 def _covered_samples(
-    projected: Projected, faces: Tensor, grid: SampleGrid, columns: int, first: int, last: int
+    projected: ProjectedFaces, faces: Tensor, grid: SampleGrid, columns: int, first: int, last: int
 ) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
     """Yield all (face, sample, 1/z) of a band of rows, in portions of limited size."""
     top = (projected.top[faces] * grid.rows - 0.5).ceil().long().clamp_min(first)

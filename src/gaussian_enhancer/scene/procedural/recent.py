@@ -9,7 +9,7 @@ from collections.abc import Callable, Hashable
 from torch import Tensor
 
 
-class Recent:
+class TensorCache:
     """LRU cache of tensors with a limit in bytes; one instance per process.
 
     Args:

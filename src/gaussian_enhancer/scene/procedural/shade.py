@@ -14,14 +14,14 @@ from torch import Tensor
 from torch.nn import functional
 
 from gaussian_enhancer.scene.procedural.raster import (
-    Projected,
+    ProjectedFaces,
     SampleGrid,
     barycentric,
     nearest_faces,
     project,
     sample_positions,
 )
-from gaussian_enhancer.scene.procedural.vector import dot, unit, weighted
+from gaussian_enhancer.scene.procedural.vector import dot, interpolate_corners, unit
 from gaussian_enhancer.scene.procedural.world import World
 from gaussian_enhancer.types import Camera
 
@@ -29,7 +29,7 @@ _BAND = 400_000
 PHOTO_GRID = SampleGrid(rows=4, columns=2)
 
 
-def photo(
+def render_photo(
     world: World, camera: Camera, grid: SampleGrid = PHOTO_GRID
 ) -> tuple[Float[Tensor, "3 h w"], Float[Tensor, "1 h w"]]:
     """Render an image (sRGB, [0, 1], over the background) and the coverage by geometry, both averaged over a pixel."""
@@ -41,7 +41,7 @@ def photo(
         last = min(first + step, camera.height * grid.rows)
         face, x, y = _visible(world, projected, camera, grid, first, last)
         linear = _radiance(world, projected, camera, face, x, y, pixel)
-        colour = tone(linear * world.exposure)
+        colour = tone_map(linear * world.exposure)
         if world.background is not None:
             colour[face < 0] = colour.new_tensor(world.background)
         sample_shape = ((last - first) // grid.rows, grid.rows, camera.width, grid.columns)
@@ -50,7 +50,7 @@ def photo(
     return torch.cat(colours).permute(2, 0, 1).contiguous(), torch.cat(coverages)[None]
 
 
-def depth(world: World, camera: Camera) -> Float[Tensor, "1 h w"]:
+def render_depth(world: World, camera: Camera) -> Float[Tensor, "1 h w"]:
     """Render exact z at pixel centres, 0 where nothing is hit."""
     projected = project(world.mesh.corners, camera)
     rows = max(1, _BAND // camera.width)
@@ -63,8 +63,8 @@ def depth(world: World, camera: Camera) -> Float[Tensor, "1 h w"]:
     return torch.cat(bands).view(1, camera.height, camera.width)
 
 
-def coverage(world: World, camera: Camera, grid: SampleGrid = PHOTO_GRID) -> Float[Tensor, "1 h w"]:
-    """Render the share of each pixel's samples that geometry covers: the alpha with which `photo` is composited."""
+def render_coverage(world: World, camera: Camera, grid: SampleGrid = PHOTO_GRID) -> Float[Tensor, "1 h w"]:
+    """Render the share of each pixel's samples that geometry covers: the alpha with which `render_photo` is composited."""
     projected = project(world.mesh.corners, camera)
     step = max(1, _BAND // (camera.width * grid.rows * grid.columns)) * grid.rows
     bands = []
@@ -83,7 +83,7 @@ def radiance_grid(world: World, camera: Camera) -> Float[Tensor, "3 h w"]:
     return linear.T.reshape(3, camera.height, camera.width)
 
 
-def tone(linear: Float[Tensor, "m 3"]) -> Float[Tensor, "m 3"]:
+def tone_map(linear: Float[Tensor, "m 3"]) -> Float[Tensor, "m 3"]:
     """Map linear radiance to sRGB: the curve 1 - exp(-x), which compresses highlights, then the exponent 1/2.2."""
     return (1 - torch.exp(-linear.clamp_min(0))).clamp_min(1e-6) ** (1 / 2.2)
 
@@ -93,11 +93,11 @@ def _pixel_angle(camera: Camera) -> float:
 
 
 def _visible(
-    world: World, projected: Projected, camera: Camera, grid: SampleGrid, first: int, last: int
+    world: World, projected: ProjectedFaces, camera: Camera, grid: SampleGrid, first: int, last: int
 ) -> tuple[Tensor, Tensor, Tensor]:
     def keep(face: Tensor, x: Tensor, y: Tensor) -> Tensor:
         weights, _ = barycentric(projected.edges[face], x, y)
-        u, v = weighted(weights, world.mesh.uvs[face]).unbind(1)
+        u, v = interpolate_corners(weights, world.mesh.uvs[face]).unbind(1)
         return world.solid(face, u, v)
 
     face = nearest_faces(projected, grid, camera.width, first, last, world.mesh.cutout, keep)
@@ -106,7 +106,7 @@ def _visible(
 
 
 def _radiance(
-    world: World, projected: Projected, camera: Camera, face: Tensor, x: Tensor, y: Tensor, pixel: float
+    world: World, projected: ProjectedFaces, camera: Camera, face: Tensor, x: Tensor, y: Tensor, pixel: float
 ) -> Float[Tensor, "m 3"]:
     """Return the linear radiance of every sample, including samples of the sky."""
     device = x.device
@@ -139,11 +139,11 @@ def _surface(
     face_normals = unit(torch.linalg.cross(tangents[:, 0], tangents[:, 1]))
     facing = -dot(face_normals, view_directions)
     face_normals = face_normals * torch.where(facing < 0, -1.0, 1.0)[:, None]
-    interpolated_normals = unit(weighted(weights, mesh.normals[face]))
+    interpolated_normals = unit(interpolate_corners(weights, mesh.normals[face]))
     interpolated_normals = (
         interpolated_normals * torch.where(dot(interpolated_normals, face_normals) < 0, -1.0, 1.0)[:, None]
     )
-    uv_metres = weighted(weights, mesh.uvs[face])
+    uv_metres = interpolate_corners(weights, mesh.uvs[face])
     # A compromise between the footprint's short and long side; a pixel's several samples reduce the remaining aliasing.
     footprint = pixel * z * facing.abs().clamp_min(0.08) ** -0.6
     channels, albedo, emission = _material(world, material, uv_metres, footprint)
@@ -156,7 +156,7 @@ def _surface(
     specular = torch.zeros_like(diffuse)
     exponent = 2 / (roughness**2 * roughness**2 + 1e-4)
     for light in world.lights:
-        towards, colour, lit_share = light.arriving(points, face_normals)
+        towards, colour, lit_share = light.incident_light(points, face_normals)
         cosine = dot(normals, towards)
         diffuse_factor = translucency * (-cosine).clamp_min(0) + (1 - translucency) * cosine.clamp_min(0)
         diffuse_factor = torch.where(translucency > 0, diffuse_factor + 0.25 * translucency, diffuse_factor)

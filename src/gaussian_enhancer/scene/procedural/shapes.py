@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from gaussian_enhancer.scene.procedural.mesh import SurfacePart, joined
+from gaussian_enhancer.scene.procedural.mesh import SurfacePart, join_parts
 
 Number = float | int
 Vector = tuple[Number, Number, Number]
@@ -28,7 +28,7 @@ def quad(origin: Vector, right: Vector, down: Vector, uv0: tuple[Number, Number]
 def box(size: Vector) -> SurfacePart:
     """Box of `size` (x, y, z), centred in x and y, from 0 to its height in z."""
     x, y, h = size[0] / 2, size[1] / 2, size[2]
-    return joined(
+    return join_parts(
         [
             quad((-x, -y, h), (2 * x, 0, 0), (0, 0, -h)),
             quad((x, y, h), (-2 * x, 0, 0), (0, 0, -h)),
@@ -77,7 +77,7 @@ def sheet(positions: np.ndarray, uvs: np.ndarray) -> SurfacePart:
     return SurfacePart(positions.reshape(-1, 3), normals.reshape(-1, 3), uvs.reshape(-1, 2), faces)
 
 
-def _round(positions: np.ndarray, uvs: np.ndarray) -> SurfacePart:
+def _closed_sheet(positions: np.ndarray, uvs: np.ndarray) -> SurfacePart:
     """A sheet whose last column coincides with its first; the normals on both sides of the seam are made equal."""
     part = sheet(positions, uvs)
     normals = part.normals.reshape(positions.shape).copy()
@@ -100,7 +100,7 @@ def lathe(profile: Float[np.ndarray, "k 2"], segments: int = 24, flutes: int = 0
     uvs = np.stack(
         np.broadcast_arrays(angle[None] / (2 * np.pi) * circumference, arc_length.max() - arc_length[:, None]), axis=-1
     )
-    return _round(positions, uvs)
+    return _closed_sheet(positions, uvs)
 
 
 def smooth_profile(points: list[tuple[float, float]], count: int = 24) -> Float[np.ndarray, "k 2"]:
@@ -127,7 +127,7 @@ def ellipsoid(radii: Vector, segments: int = 20, bumps: Float[np.ndarray, "k 3"]
     positions = unit_sphere * radius_factor[..., None] * np.asarray(radii)
     size = float(np.mean(radii))
     uvs = np.stack(np.broadcast_arrays(angle * size, polar * size), axis=-1)
-    return _round(positions, uvs)
+    return _closed_sheet(positions, uvs)
 
 
 def tube(path: Float[np.ndarray, "k 3"], radius: float | Float[np.ndarray, " k"], sides: int = 8) -> SurfacePart:
@@ -147,7 +147,7 @@ def tube(path: Float[np.ndarray, "k 3"], radius: float | Float[np.ndarray, " k"]
     arc_length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     around = angle * float(np.mean(r))
     uvs = np.stack(np.broadcast_arrays(around[None], arc_length[:, None]), axis=-1)
-    return _round(path[:, None] + r * ring, uvs)
+    return _closed_sheet(path[:, None] + r * ring, uvs)
 
 
 def rod(start: Vector, end: Vector, radius: float, sides: int = 8) -> SurfacePart:

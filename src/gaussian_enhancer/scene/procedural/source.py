@@ -16,12 +16,12 @@ from gaussian_enhancer.scene.procedural import shade
 from gaussian_enhancer.scene.procedural.baking import bake_world
 from gaussian_enhancer.scene.procedural.draft import Draft
 from gaussian_enhancer.scene.procedural.harbour import draft_harbour
-from gaussian_enhancer.scene.procedural.imperfections import Departure, Imperfections
+from gaussian_enhancer.scene.procedural.imperfections import Imperfections, PhotoDeviation
 from gaussian_enhancer.scene.procedural.indoor import draft_indoor
 from gaussian_enhancer.scene.procedural.light import look_at
 from gaussian_enhancer.scene.procedural.outdoor import draft_outdoor
 from gaussian_enhancer.scene.procedural.raster import SampleGrid
-from gaussian_enhancer.scene.procedural.recent import Recent
+from gaussian_enhancer.scene.procedural.recent import TensorCache
 from gaussian_enhancer.scene.procedural.single import draft_object
 from gaussian_enhancer.scene.procedural.unbounded import draft_unbounded
 from gaussian_enhancer.scene.procedural.world import World
@@ -38,11 +38,11 @@ _FAMILIES = {
 }
 FAMILIES = tuple(_FAMILIES)
 
-_PHOTOS = Recent(capacity=2**28)
+_PHOTOS = TensorCache(capacity=2**28)
 
 
 @lru_cache(maxsize=2)
-def _baked(family: str, seed: int, device: str) -> tuple[World, Draft]:
+def _bake_cached(family: str, seed: int, device: str) -> tuple[World, Draft]:
     draft = _FAMILIES[family](seed)
     with torch.no_grad():
         world = bake_world(draft, torch.device(device))
@@ -63,12 +63,12 @@ class ProceduralView:
     seed: int
     camera: Camera
     device: str
-    departure: Departure | None = None
+    departure: PhotoDeviation | None = None
 
     def world(self) -> World:
         """Return the baked world with the departure of this view, if any."""
-        world = _baked(self.family, self.seed, self.device)[0]
-        return world if self.departure is None else self.departure.of(world)
+        world = _bake_cached(self.family, self.seed, self.device)[0]
+        return world if self.departure is None else self.departure.apply_to(world)
 
     @torch.no_grad()
     def photo(self) -> Float[Tensor, "3 h w"]:
@@ -88,17 +88,17 @@ class ProceduralView:
         return _PHOTOS.get(key, self._photo)
 
     def _photo(self) -> Float[Tensor, "3 h w"]:
-        return shade.photo(self.world(), self.camera)[0].cpu()
+        return shade.render_photo(self.world(), self.camera)[0].cpu()
 
     @torch.no_grad()
     def alpha(self) -> Float[Tensor, "1 h w"]:
         """Return the share of each pixel that geometry covers, on the CPU."""
-        return shade.coverage(self.world(), self.camera).cpu()
+        return shade.render_coverage(self.world(), self.camera).cpu()
 
     @torch.no_grad()
     def depth(self) -> Float[Tensor, "1 h w"]:
         """Return exact z at pixel centres, 0 on the sky, on the CPU."""
-        return shade.depth(self.world(), self.camera).cpu()
+        return shade.render_depth(self.world(), self.camera).cpu()
 
 
 def procedural_scene(
@@ -146,7 +146,7 @@ def procedural_scene(
         if value < minimum:
             raise InputError(f"procedural {name}", f"is {value}", f"give at least {minimum}")
     train, test = (split or Split())(views)
-    _, draft = _baked(family, seed, device)
+    _, draft = _bake_cached(family, seed, device)
     focal = 0.5 * width / float(np.tan(np.deg2rad(draft.field_of_view) / 2))
     eyes, targets = (torch.from_numpy(positions) for positions in draft.path(views))
     photos = []
@@ -155,13 +155,13 @@ def procedural_scene(
         departure = None
         if imperfections is not None:
             generator = torch.Generator().manual_seed(seed * 1_000_003 + k)
-            departure = imperfections.departure(generator)
-            stated_camera = imperfections.stated(camera, float((targets[k] - eyes[k]).norm()), generator)
+            departure = imperfections.draw_deviation(generator)
+            stated_camera = imperfections.with_pose_error(camera, float((targets[k] - eyes[k]).norm()), generator)
         view = ProceduralView(family, seed, camera, device, departure)
         alpha = view.alpha if family == "object" else None
         photos.append(Photo(f"{k:04d}.png", stated_camera, view.photo, view.depth, alpha))
     scene = Scene(f"{family}_{seed}", tuple(photos), train, test, draft.background or (0.0, 0.0, 0.0))
-    point_cloud = _points(scene, _baked(family, seed, device)[0], points, seed) if points else None
+    point_cloud = _points(scene, _bake_cached(family, seed, device)[0], points, seed) if points else None
     return Scene(scene.name, scene.photos, train, test, scene.background, point_cloud)
 
 
@@ -174,8 +174,8 @@ def _points(scene: Scene, world: World, count: int, seed: int) -> Points:
     for photo in sampled_photos:
         assert photo.camera is not None
         camera = photo.camera.resized(72, 96)
-        z = shade.depth(world, camera).cpu()[0]
-        image = shade.photo(world, camera, SampleGrid())[0].cpu()
+        z = shade.render_depth(world, camera).cpu()[0]
+        image = shade.render_photo(world, camera, SampleGrid())[0].cpu()
         valid_pixels = ((z > 0) & (z < 500)).flatten().nonzero()[:, 0]
         sampled_pixels = valid_pixels[
             torch.randperm(len(valid_pixels), generator=generator)[: -(-count // len(sampled_photos))]

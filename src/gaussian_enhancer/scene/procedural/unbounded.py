@@ -72,7 +72,7 @@ def _set_table(p: Palette, z: float, reach: float) -> None:
         x, y = rng.uniform(-0.55, 0.55, 2) * reach
         r = rng.uniform(0.03, 0.05)
         p.draft.add(
-            shapes.ellipsoid((r, r, r * 0.92)).placed((x, y, z + r)),
+            shapes.ellipsoid((r, r, r * 0.92)).transform((x, y, z + r)),
             p(str(rng.choice(["glaze 2", "paint", "chrome", "marble"]))),
         )
 
@@ -90,8 +90,10 @@ def _garden_table(p: Palette) -> None:
 
 def _bicycle_bench(p: Palette) -> None:
     rng = p.draft.rng
-    slats = [shapes.box((1.6, 0.09, 0.03)).placed((0, 0.5 + 0.11 * k, 0.45)) for k in range(4)]
-    slats += [shapes.box((1.6, 0.03, 0.09)).placed((0, 0.98 + 0.02 * k, 0.55 + 0.13 * k), tilt=-0.15) for k in range(3)]
+    slats = [shapes.box((1.6, 0.09, 0.03)).transform((0, 0.5 + 0.11 * k, 0.45)) for k in range(4)]
+    slats += [
+        shapes.box((1.6, 0.03, 0.09)).transform((0, 0.98 + 0.02 * k, 0.55 + 0.13 * k), tilt=-0.15) for k in range(3)
+    ]
     for part in slats:
         p.draft.add(part, p("wood"))
     for x in (-0.65, 0.65):
@@ -110,19 +112,21 @@ def _monument(p: Palette) -> None:
     rng = p.draft.rng
     for k in range(3):
         side = 1.3 - 0.32 * k
-        p.draft.add(shapes.box((side, side, 0.2)).placed((0, 0, 0.02 + 0.2 * k)), p("marble" if k == 2 else "concrete"))
+        p.draft.add(
+            shapes.box((side, side, 0.2)).transform((0, 0, 0.02 + 0.2 * k)), p("marble" if k == 2 else "concrete")
+        )
     furniture.flat_print(
         p, "sign", (-0.3, -0.336, 0.6), (0.6, 0, 0), (0, 0, -0.17), (0.0, 0.25 * int(rng.integers(4)), 1.0, 0.25)
     )
     if rng.random() < 0.5:
-        p.draft.add(furniture.knot(rng, 0.36, 0.055).placed((0, 0, 1.02), tilt=rng.uniform(0, 1.2)), p("chrome"))
+        p.draft.add(furniture.knot(rng, 0.36, 0.055).transform((0, 0, 1.02), tilt=rng.uniform(0, 1.2)), p("chrome"))
         p.draft.add(shapes.rod((0, 0, 0.6), (0, 0, 0.95), 0.05), p("marble"))
     else:
         furniture.vase(p, (0, 0, 0.62), 0.7, flowers=True, material="marble 2")
     for a in np.arange(0, 2 * np.pi, np.pi / 4):
         x, y = 1.15 * np.cos(a), 1.15 * np.sin(a)
         post = np.array([[0.045, 0], [0.04, 0.5], [0.055, 0.52], [0.03, 0.6], [0, 0.62]])
-        p.draft.add(shapes.lathe(post, 12).placed((x, y, 0.02)), p("iron"))
+        p.draft.add(shapes.lathe(post, 12).transform((x, y, 0.02)), p("iron"))
         b = a + np.pi / 4
         p.draft.add(shapes.wire((x, y, 0.55), (1.15 * np.cos(b), 1.15 * np.sin(b), 0.55), 0.16, 0.009, 6), p("chrome"))
 
@@ -131,7 +135,7 @@ def _workbench(p: Palette) -> None:
     rng = p.draft.rng
     for x, y, z in ((0, 0, 0), (0.62, 0.1, 0), (0.25, 0.05, 0.42)):
         p.draft.add(
-            shapes.box((0.55, 0.4, 0.4)).placed((x - 0.3, y, z + 0.02), yaw=rng.normal() * 0.1),
+            shapes.box((0.55, 0.4, 0.4)).transform((x - 0.3, y, z + 0.02), yaw=rng.normal() * 0.1),
             p(f"wood {int(rng.integers(1, 3))}"),
         )
     furniture.flat_print(p, "poster", (-0.5, -0.24, 0.4), (0.36, 0, 0), (0, 0, -0.34))
@@ -139,8 +143,8 @@ def _workbench(p: Palette) -> None:
     furniture.potted(p, (-0.05, 0.03, 0.84), rng.uniform(0.5, 0.8))
     furniture.vase(p, (-0.35, -0.02, 0.42), 0.26, flowers=False)
     tyre, rim = furniture.wheel(0.33, 24, 0.02)
-    p.draft.add(tyre.placed((0.75, -0.3, 0.36), tilt=0.2, yaw=0.3), p("rubber"))
-    p.draft.add(rim.placed((0.75, -0.3, 0.36), tilt=0.2, yaw=0.3), p("chrome"))
+    p.draft.add(tyre.transform((0.75, -0.3, 0.36), tilt=0.2, yaw=0.3), p("rubber"))
+    p.draft.add(rim.transform((0.75, -0.3, 0.36), tilt=0.2, yaw=0.3), p("chrome"))
     for _ in range(4):
         a = rng.uniform(0, 6.3)
         nature.stone(p, (1.1 * np.cos(a), 1.1 * np.sin(a), 0.05), rng.uniform(0.1, 0.22))

@@ -18,7 +18,7 @@ def unit(a: Float[Tensor, "m 3"]) -> Float[Tensor, "m 3"]:
     return a * torch.rsqrt(dot(a, a).clamp_min(1e-24))[:, None]
 
 
-def weighted(weights: Float[Tensor, "m 3"], corners: Float[Tensor, "m 3 c"]) -> Float[Tensor, "m c"]:
+def interpolate_corners(weights: Float[Tensor, "m 3"], corners: Float[Tensor, "m 3 c"]) -> Float[Tensor, "m c"]:
     """Interpolate values at three corners by barycentric weights."""
     return (
         weights[:, 0, None] * corners[:, 0] + weights[:, 1, None] * corners[:, 1] + weights[:, 2, None] * corners[:, 2]

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from gaussian_enhancer.scene.procedural import shapes
 from gaussian_enhancer.scene.procedural.draft import Vector
-from gaussian_enhancer.scene.procedural.mesh import SurfacePart, joined
+from gaussian_enhancer.scene.procedural.mesh import SurfacePart, join_parts
 from gaussian_enhancer.scene.procedural.palette import Palette
 
 _STATIONS = np.linspace(0, 1, 33)
@@ -73,7 +73,7 @@ class Hull:
 
 
 def _put(p: Palette, at: Vector, yaw: float, part: SurfacePart, material: str) -> None:
-    p.draft.add(part.placed(at, yaw=yaw), p(material))
+    p.draft.add(part.transform(at, yaw=yaw), p(material))
 
 
 def _bulwark(h: Hull, radius: float) -> SurfacePart:
@@ -84,23 +84,25 @@ def rowing_boat(p: Palette, at: Vector, yaw: float) -> None:
     """Open rowing boat with thwarts, ribs, oars and a coil of rope."""
     rng = p.draft.rng
     h = Hull(rng.uniform(3.2, 4.2), rng.uniform(1.25, 1.5), 0.38, 0.22)
-    _put(p, at, yaw, joined([h.skin(), h.transom()]), f"hull {int(rng.integers(4))}")
+    _put(p, at, yaw, join_parts([h.skin(), h.transom()]), f"hull {int(rng.integers(4))}")
     _put(p, at, yaw, h.deck(0.34, 0.16, 0.05, 0.85), "deck")
     _put(p, at, yaw, _bulwark(h, 0.028), "spar")
-    thwarts = [shapes.box((0.24, 2 * half - 0.06, 0.03)).placed((x, 0, 0.22)) for x, half in _at(h, (0.2, 0.45, 0.68))]
+    thwarts = [
+        shapes.box((0.24, 2 * half - 0.06, 0.03)).transform((x, 0, 0.22)) for x, half in _at(h, (0.2, 0.45, 0.68))
+    ]
     ribs = [
         shapes.tube(np.array([[x, s * half, 0.36], [x, s * half * 0.9, 0.1], [x, s * half * 0.5, 0.0]]), 0.014, 4)
         for x, half in _at(h, np.arange(0.1, 0.85, 0.07))
         for s in (-1, 1)
     ]
-    _put(p, at, yaw, joined(thwarts + ribs), "deck 2")
+    _put(p, at, yaw, join_parts(thwarts + ribs), "deck 2")
     for s in (-1, 1):
         start, end = (-1.0, s * 0.3, 0.3), (1.1, s * 0.42, 0.33)
-        blade = shapes.box((0.55, 0.13, 0.012)).placed((1.3, s * 0.44, 0.325))
-        _put(p, at, yaw, joined([shapes.rod(start, end, 0.02), blade]), "spar")
+        blade = shapes.box((0.55, 0.13, 0.012)).transform((1.3, s * 0.44, 0.325))
+        _put(p, at, yaw, join_parts([shapes.rod(start, end, 0.02), blade]), "spar")
     coil = np.linspace(0, 8 * np.pi, 120)
     path = np.stack([0.16 * np.cos(coil), 0.16 * np.sin(coil), 0.012 * coil], axis=1)
-    _put(p, at, yaw, shapes.tube(path, 0.014, 5).placed((h.x[26] * 0.9, 0, 0.1)), "rope")
+    _put(p, at, yaw, shapes.tube(path, 0.014, 5).transform((h.x[26] * 0.9, 0, 0.1)), "rope")
 
 
 def _at(h: Hull, shares: object) -> list[tuple[float, float]]:
@@ -113,7 +115,7 @@ def yacht(p: Palette, at: Vector, yaw: float, length: float, *, hoisted: bool = 
     rng = p.draft.rng
     h = Hull(length, 0.31 * length, 0.095 * length, 0.08 * length, 1.7)
     deck = float(h.sheer[16])
-    _put(p, at, yaw, joined([h.skin(), h.transom()]), f"hull {int(rng.integers(4))}")
+    _put(p, at, yaw, join_parts([h.skin(), h.transom()]), f"hull {int(rng.integers(4))}")
     _put(p, at, yaw, h.deck(0.05), "deck")
     _put(p, at, yaw, _bulwark(h, 0.03), "spar")
     _cabin(p, at, yaw, length, deck)
@@ -126,7 +128,7 @@ def yacht(p: Palette, at: Vector, yaw: float, length: float, *, hoisted: bool = 
         posts.append(shapes.rod(tuple(foot), tuple(foot + np.array([0, 0, 0.55])), 0.011, 5))
     for lift in (0.3, 0.55):
         wires.append(shapes.tube(rail + np.array([0, 0, lift]), 0.005, 4))
-    _put(p, at, yaw, joined(posts + wires), "steel")
+    _put(p, at, yaw, join_parts(posts + wires), "steel")
 
 
 def _cabin(p: Palette, at: Vector, yaw: float, length: float, deck: float) -> None:
@@ -147,7 +149,7 @@ def _cabin(p: Palette, at: Vector, yaw: float, length: float, deck: float) -> No
     _put(p, at, yaw, shapes.quad(tuple(b), tuple(c - b), tuple(upper_edge)), "gelcoat")
     lower_edge = np.array([0, right[3][1] - left[3][1], 0.0])
     _put(p, at, yaw, shapes.quad(tuple(c), tuple(d - c), tuple(0.5 * (upper_edge + lower_edge))), "pane")
-    _put(p, at, yaw, shapes.box((0.03, 1.5 * width, 0.05 * length)).placed((-0.12 * length, 0, deck)), "deck 2")
+    _put(p, at, yaw, shapes.box((0.03, 1.5 * width, 0.05 * length)).transform((-0.12 * length, 0, deck)), "deck 2")
 
 
 def _rig(p: Palette, at: Vector, yaw: float, h: Hull, mast: float, top: float, deck: float) -> None:
@@ -168,10 +170,10 @@ def _rig(p: Palette, at: Vector, yaw: float, h: Hull, mast: float, top: float, d
             stays.append(shapes.rod(tip, (mast, 0, min(top, z + 0.3 * (top - deck))), 0.005, 4))
     for dx, dy in ((0.1, 0.04), (0.08, -0.05), (-0.09, 0.03)):
         stays.append(shapes.wire((mast + dx * 4, dy * 9, deck), (mast + 0.05, dy, top - 0.1), -0.02, 0.005))
-    _put(p, at, yaw, joined(spars), "alloy")
-    _put(p, at, yaw, joined(stays), "steel")
+    _put(p, at, yaw, join_parts(spars), "alloy")
+    _put(p, at, yaw, join_parts(stays), "steel")
     vane = shapes.triangle((mast, 0, top + 0.1), (mast - 0.35, 0.05, top + 0.16), (mast - 0.02, 0, top + 0.26))
-    _put(p, at, yaw, joined([vane, shapes.rod(peak, (mast, 0, top + 0.3), 0.006, 4)]), "buoy")
+    _put(p, at, yaw, join_parts([vane, shapes.rod(peak, (mast, 0, top + 0.3), 0.006, 4)]), "buoy")
 
 
 def _sails(
@@ -193,7 +195,7 @@ def _sails(
     radii = 0.11 * (1 - 0.55 * t) * (1 + 0.12 * np.sin(40 * t))
     _put(p, at, yaw, shapes.tube(path, radii, 10), f"sail {int(rng.integers(2))}")
     ties = [shapes.tube(_ring(path[k], float(radii[k]) * 1.05), 0.008, 4) for k in range(2, 24, 4)]
-    _put(p, at, yaw, joined(ties), "rope")
+    _put(p, at, yaw, join_parts(ties), "rope")
 
 
 def _ring(centre: Float[np.ndarray, " 3"], radius: float) -> Float[np.ndarray, "k 3"]:
@@ -206,16 +208,16 @@ def trawler(p: Palette, at: Vector, yaw: float, length: float) -> None:
     rng = p.draft.rng
     h = Hull(length, 0.36 * length, 0.13 * length, 0.12 * length, 2.8)
     deck = float(h.sheer[14]) - 0.55
-    _put(p, at, yaw, joined([h.skin(0.22), h.transom()]), f"hull {int(rng.integers(4))}")
+    _put(p, at, yaw, join_parts([h.skin(0.22), h.transom()]), f"hull {int(rng.integers(4))}")
     _put(p, at, yaw, h.deck(0.55), "deck 2")
-    _put(p, at, yaw, joined([_bulwark(h, 0.05), shapes.tube(h.rail(0.0, -0.35) * [1, 1.01, 1], 0.045, 6)]), "spar")
+    _put(p, at, yaw, join_parts([_bulwark(h, 0.05), shapes.tube(h.rail(0.0, -0.35) * [1, 1.01, 1], 0.045, 6)]), "spar")
     _wheelhouse(p, at, yaw, length, deck)
     _gear(p, at, yaw, h, length, deck)
     for k in (5, 11, 17, 22):
         for s in (-1, 1):
             ring = _ring(np.zeros(3), 0.3)[:, [1, 0, 2]] * [1, 1, 1]
             position = (float(h.x[k]), s * (float(h.half[k]) + 0.06), float(h.sheer[k]) - 0.45)
-            _put(p, at, yaw, shapes.tube(ring, 0.1, 8).placed(position), "tyre")
+            _put(p, at, yaw, shapes.tube(ring, 0.1, 8).transform(position), "tyre")
     for s in (-1, 1):
         bow = np.array([float(h.x[23]), s * (float(h.half[23]) + 0.05), float(h.sheer[23]) - 0.1])
         aft = np.array([float(h.x[20]), s * (float(h.half[20]) + 0.05), float(h.sheer[20]) - 0.1])
@@ -227,9 +229,13 @@ def trawler(p: Palette, at: Vector, yaw: float, length: float) -> None:
 
 def _wheelhouse(p: Palette, at: Vector, yaw: float, length: float, deck: float) -> None:
     x, house_width, house_length, house_height = 0.12 * length, 0.22 * length, 0.2 * length, 2.3
-    _put(p, at, yaw, shapes.box((house_length, house_width, house_height)).placed((x, 0, deck)), "gelcoat")
+    _put(p, at, yaw, shapes.box((house_length, house_width, house_height)).transform((x, 0, deck)), "gelcoat")
     _put(
-        p, at, yaw, shapes.box((house_length + 0.5, house_width + 0.4, 0.1)).placed((x, 0, deck + house_height)), "spar"
+        p,
+        at,
+        yaw,
+        shapes.box((house_length + 0.5, house_width + 0.4, 0.1)).transform((x, 0, deck + house_height)),
+        "spar",
     )
     low, high = deck + 1.25, deck + 2.05
     for turn, wall_distance, width in (
@@ -242,23 +248,23 @@ def _wheelhouse(p: Palette, at: Vector, yaw: float, length: float, deck: float) 
         for k in range(count):
             u = (k + 0.08) * width / count - width / 2
             pane = shapes.quad((wall_distance + 0.01, u, high), (0, 0.84 * width / count, 0), (0, 0, low - high))
-            _put(p, at, yaw, pane.placed(yaw=float(turn)).placed((x, 0, 0)), "pane")
+            _put(p, at, yaw, pane.transform(yaw=float(turn)).transform((x, 0, 0)), "pane")
     roof = deck + house_height + 0.1
-    lamp = [shapes.ellipsoid((0.09, 0.09, 0.07)).placed((x + s, 0.3 * s, roof + 0.1)) for s in (-0.5, 0.5)]
-    _put(p, at, yaw, joined(lamp), "glow")
+    lamp = [shapes.ellipsoid((0.09, 0.09, 0.07)).transform((x + s, 0.3 * s, roof + 0.1)) for s in (-0.5, 0.5)]
+    _put(p, at, yaw, join_parts(lamp), "glow")
     dish = shapes.lathe(np.array([[0, 0], [0.3, 0.02], [0.33, 0.12], [0.3, 0.2], [0, 0.24]]), 24)
     _put(
         p,
         at,
         yaw,
-        joined([dish.placed((x, 0, roof + 0.5)), shapes.rod((x, 0, roof), (x, 0, roof + 0.55), 0.04)]),
+        join_parts([dish.transform((x, 0, roof + 0.5)), shapes.rod((x, 0, roof), (x, 0, roof + 0.55), 0.04)]),
         "gelcoat",
     )
     antennas = [
         shapes.rod((x - 0.4, y, roof), (x - 0.6, 1.2 * y, roof + t), 0.006, 4)
         for y, t in ((-0.6, 2.6), (0.5, 2.0), (0.7, 3.1))
     ]
-    _put(p, at, yaw, joined(antennas), "steel")
+    _put(p, at, yaw, join_parts(antennas), "steel")
 
 
 def _gear(p: Palette, at: Vector, yaw: float, h: Hull, length: float, deck: float) -> None:
@@ -273,7 +279,7 @@ def _gear(p: Palette, at: Vector, yaw: float, h: Hull, length: float, deck: floa
     frame.append(
         shapes.rod((-stern + 0.3, -0.08 * length, deck + 2.6), (-stern + 0.3, 0.08 * length, deck + 2.6), 0.06)
     )
-    _put(p, at, yaw, joined(frame), "paintwork")
+    _put(p, at, yaw, join_parts(frame), "paintwork")
     tackle = [shapes.rod((mast, 0, top - 0.2), (float(h.x[-2]), 0, float(h.sheer[-2])), 0.012, 4)]
     for s in (-1, 1):
         boom_end = (mast - 0.3 * length, s * 0.16 * length, deck + 0.38 * length)
@@ -285,7 +291,7 @@ def _gear(p: Palette, at: Vector, yaw: float, h: Hull, length: float, deck: floa
             shapes.rod((mast, 0, top - 0.3), (float(h.x[k]), s * float(h.half[k]), float(h.sheer[k])), 0.009, 4)
             for k in (10, 13)
         ]
-    _put(p, at, yaw, joined(tackle), "steel")
+    _put(p, at, yaw, join_parts(tackle), "steel")
     drum = np.array(
         [
             [0, -0.7],
@@ -299,16 +305,16 @@ def _gear(p: Palette, at: Vector, yaw: float, h: Hull, length: float, deck: floa
             [0, 0.7],
         ]
     )
-    _put(p, at, yaw, shapes.lathe(drum, 28).placed((-stern + 0.9, 0, deck + 0.75), tilt=np.pi / 2), "twine")
+    _put(p, at, yaw, shapes.lathe(drum, 28).transform((-stern + 0.9, 0, deck + 0.75), tilt=np.pi / 2), "twine")
     net = shapes.curtain(0.2 * length, 2.2, 5, 0.16)
-    _put(p, at, yaw, net.placed((-stern + 0.25, -0.1 * length, deck + 0.35), yaw=np.pi / 2), "net")
+    _put(p, at, yaw, net.transform((-stern + 0.25, -0.1 * length, deck + 0.35), yaw=np.pi / 2), "net")
     for _ in range(4):
         crate = (rng.uniform(-0.3, -0.14) * length, rng.uniform(-0.08, 0.08) * length, deck + 0.02)
         _put(
             p,
             at,
             yaw,
-            shapes.box((0.6, 0.4, 0.28)).placed(crate, yaw=rng.normal() * 0.2),
+            shapes.box((0.6, 0.4, 0.28)).transform(crate, yaw=rng.normal() * 0.2),
             f"crate {int(rng.integers(3))}",
         )
 
@@ -325,14 +331,14 @@ def moored_fleet(p: Palette, count: int, depth: tuple[float, float], span: float
         h = Hull(rng.uniform(5.5, 7.5), 2.0, 0.62, 0.4, 1.8)
         yaw = rng.normal() * 0.12 + np.pi * (rng.random() < 0.5)
         paint = "gelcoat" if rng.random() < 0.5 else f"hull {int(rng.integers(4))}"
-        _put(p, (x, y, water), yaw, joined([h.skin(), h.transom()]), paint)
+        _put(p, (x, y, water), yaw, join_parts([h.skin(), h.transom()]), paint)
         _put(p, (x, y, water), yaw, h.deck(0.05), "deck")
-        _put(p, (x, y, water), yaw, shapes.box((2.2, 1.0, 0.42)).placed((0.1, 0, 0.55)), "gelcoat")
-        _put(p, (x, y, water), yaw, shapes.box((1.7, 1.03, 0.16)).placed((0.1, 0, 0.72)), "pane")
+        _put(p, (x, y, water), yaw, shapes.box((2.2, 1.0, 0.42)).transform((0.1, 0, 0.55)), "gelcoat")
+        _put(p, (x, y, water), yaw, shapes.box((1.7, 1.03, 0.16)).transform((0.1, 0, 0.72)), "pane")
         if k % 3 == 0:
             cover = shapes.tube(
                 np.array([[-2.2, 0, 1.5], [-1.0, 0, 1.6], [0.2, 0, 1.6]]), np.array([0.1, 0.2, 0.12]), 8
             )
             _put(p, (x, y, water), yaw, cover, f"sail {int(rng.integers(2))}")
-    p.draft.add(joined(spars), p("alloy"))
-    p.draft.add(joined(stays), p("steel"))
+    p.draft.add(join_parts(spars), p("alloy"))
+    p.draft.add(join_parts(stays), p("steel"))

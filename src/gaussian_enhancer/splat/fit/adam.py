@@ -15,7 +15,7 @@ from torch import Tensor
 
 BETAS = (0.9, 0.999)
 EPSILON = 1e-15
-RUN = 1024
+BLOCK_SIZE = 1024
 """Number of values in a block of the update where all values have the same rate."""
 
 
@@ -53,7 +53,7 @@ def adam_step(
         from gaussian_enhancer.splat.fit.adam_kernels import update
 
         rates = np.full(
-            values[0].numel() if first_rate != rate and len(values) else RUN, rate * mean_correction, np.float32
+            values[0].numel() if first_rate != rate and len(values) else BLOCK_SIZE, rate * mean_correction, np.float32
         )
         if first_rate != rate and len(values):
             rates[: values[0, 0].numel()] = first_rate * mean_correction

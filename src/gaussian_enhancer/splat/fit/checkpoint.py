@@ -7,7 +7,7 @@ from typing import Any
 import torch
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.input_files import refuse_larger_archive
 
 NAME = "checkpoint.pt"
@@ -23,7 +23,7 @@ def save_checkpoint(folder: Path, values: dict[str, Any]) -> None:
     Raises:
         InputError: the file cannot be written; the earlier checkpoint is kept.
     """
-    with whole_file(folder / NAME) as temporary:
+    with atomic_write(folder / NAME) as temporary:
         try:
             torch.save(values, temporary)
         except RuntimeError as error:  # torch's zip writer reports a full disk as RuntimeError

@@ -56,17 +56,17 @@ class Densification:
         if not 0 <= self.start <= self.stop <= 1:
             raise InputError("densify.start, stop", f"are {self.start}, {self.stop}", "order them within 0 and 1")
 
-    def due(self, step: int, steps: int) -> bool:
+    def is_due(self, step: int, steps: int) -> bool:
         """Whether the number of Gaussians changes after this step (counted from 1)."""
-        return due_between(self.every, self.start, self.stop, step, steps)
+        return is_due_between(self.every, self.start, self.stop, step, steps)
 
 
-def due_between(every: int, start: float, stop: float, step: int, steps: int) -> bool:
+def is_due_between(every: int, start: float, stop: float, step: int, steps: int) -> bool:
     """Whether a step (counted from 1) is a multiple of ``every`` and lies between two shares of the fit."""
     return every > 0 and start * steps <= step <= stop * steps and step % every == 0
 
 
-class Pull:
+class ScreenGradientMean:
     """Running mean of the screen gradient of each Gaussian over the renders in which it was visible.
 
     Args:
@@ -76,7 +76,7 @@ class Pull:
 
     def __init__(self, count: int, device: torch.device | None = None) -> None:
         self.total = torch.zeros(count, device=device)
-        self.times = torch.zeros(count, device=device)
+        self.visible_count = torch.zeros(count, device=device)
 
     def add(self, screen: ScreenStatistics, side: int) -> None:
         """Add the statistics of one render.
@@ -88,25 +88,25 @@ class Pull:
         if screen.gradient is None or screen.visible is None:
             raise ValueError("screen statistics are filled by a render and its backward; neither has run")
         self.total += screen.gradient * screen.visible * (side / 2)
-        self.times += screen.visible
+        self.visible_count += screen.visible
 
     def mean(self) -> Float[Tensor, " n"]:
         """Mean screen gradient; 0 for Gaussians that were never visible."""
-        return self.total / self.times.clamp(min=1)
+        return self.total / self.visible_count.clamp(min=1)
 
     def state(self) -> dict[str, Tensor]:
         """State for a checkpoint."""
-        return {"total": self.total, "times": self.times}
+        return {"total": self.total, "times": self.visible_count}
 
     def restore(self, values: dict[str, Tensor]) -> None:
         """Restore a state that `state` returned."""
-        self.total, self.times = values["total"].clone(), values["times"].clone()
+        self.total, self.visible_count = values["total"].clone(), values["times"].clone()
 
 
 @torch.no_grad()
 def densify(
     optimiser: SplatOptimiser,
-    pull: Pull,
+    pull: ScreenGradientMean,
     settings: Densification,
     extent: float,
     limit: int,
@@ -123,10 +123,10 @@ def densify(
         generator: source of randomness for the positions of the halves.
     """
     gaussians = optimiser.gaussians()
-    useful = ~_is_useless(gaussians, settings, extent)
+    useful = ~_prune_mask(gaussians, settings, extent)
     allowed_growth = min(limit - int(useful.sum()), int(settings.growth * len(gaussians)) + 1)
     candidates = useful & (pull.mean() > settings.pull)
-    selected = _strongest(pull.mean(), candidates, max(0, allowed_growth))
+    selected = _select_strongest(pull.mean(), candidates, max(0, allowed_growth))
     is_large = gaussians.log_scales.exp().amax(1) > settings.small * extent
     gaussians = dataclasses.replace(
         gaussians, opacity_logits=torch.where(selected, _shared_opacity(gaussians), gaussians.opacity_logits)
@@ -145,13 +145,13 @@ def _shared_opacity(old: Gaussians) -> Float[Tensor, " n"]:
     return torch.logit(1 - (1 - old.opacity_logits.sigmoid()).sqrt(), eps=1e-6)
 
 
-def _is_useless(old: Gaussians, settings: Densification, extent: float) -> Bool[Tensor, " n"]:
+def _prune_mask(old: Gaussians, settings: Densification, extent: float) -> Bool[Tensor, " n"]:
     """Mask of Gaussians that are nearly transparent or far too large."""
     useless = old.opacity_logits.sigmoid() < settings.opacity
     return useless | (old.log_scales.exp().amax(1) > settings.world_size * extent)
 
 
-def _strongest(values: Tensor, wanted: Tensor, count: int) -> Bool[Tensor, " n"]:
+def _select_strongest(values: Tensor, wanted: Tensor, count: int) -> Bool[Tensor, " n"]:
     selected = torch.zeros_like(wanted)
     candidates = wanted.nonzero()[:, 0]
     order = values[candidates].argsort(descending=True, stable=True)

@@ -14,7 +14,7 @@ from PIL import Image
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import save_array, whole_file
+from gaussian_enhancer.files import atomic_write, save_array
 from gaussian_enhancer.scene.cameras import write_scene_cameras
 from gaussian_enhancer.scene.image_files import to_bytes
 from gaussian_enhancer.scene.scene import Photo, Scene
@@ -71,7 +71,7 @@ def export_splat(folder: Path, scene: Scene, gaussians: Gaussians) -> None:
     """
     write_ply(folder / "splat.ply", gaussians)
     degree = int(gaussians.sh.shape[1] ** 0.5) - 1
-    with whole_file(folder / "cfg_args") as temporary:
+    with atomic_write(folder / "cfg_args") as temporary:
         temporary.write_text(f"Namespace(sh_degree={degree}, white_background={scene.background == WHITE})\n")
 
 
@@ -84,5 +84,5 @@ def _write_view(folder: Path, stem: str, photo: Photo, view: Render, surface: Fl
 
 def _write_png(path: Path, image: Float[Tensor, "_ h w"]) -> None:
     pixels = to_bytes(image)
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         Image.fromarray(pixels.squeeze(-1) if pixels.shape[-1] == 1 else pixels).save(temporary, compress_level=3)

@@ -18,11 +18,11 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.scene import Scene
 from gaussian_enhancer.splat.filters import filter_size
 from gaussian_enhancer.splat.fit.checkpoint import discard_checkpoint, load_checkpoint, save_checkpoint
-from gaussian_enhancer.splat.fit.densify import Densification, Pull, densify
+from gaussian_enhancer.splat.fit.densify import Densification, ScreenGradientMean, densify
 from gaussian_enhancer.splat.fit.export import export_splat, export_views
 from gaussian_enhancer.splat.fit.geometry import camera_extent
 from gaussian_enhancer.splat.fit.optimise import SplatOptimiser
-from gaussian_enhancer.splat.fit.progress import FitProgress, waiting
+from gaussian_enhancer.splat.fit.progress import FitProgress, waiting_bar
 from gaussian_enhancer.splat.fit.relocation import Relocation, explore, relocate
 from gaussian_enhancer.splat.fit.settings import FitSettings
 from gaussian_enhancer.splat.fit.similarity import photometric_loss
@@ -73,16 +73,19 @@ def fit(
         InputError: photos, settings or checkpoint are invalid, or a file cannot be written.
     """
     settings = dataclasses.replace(settings or FitSettings(), **choices)
-    with waiting(f"photos of {scene.name}", progress):
-        work = _Work(scene, method, folder, settings, torch.device(device), stopwatch or Stopwatch())
+    with waiting_bar(f"photos of {scene.name}", progress):
+        work = _FitState(scene, method, folder, settings, torch.device(device), stopwatch or Stopwatch())
     with FitProgress(0, "plane sweep", progress) as bar:
-        work.begin(bar.swept)
+        work.restore_or_initialise(bar.update_views)
     last_step = settings.steps if stop_after is None else min(stop_after, settings.steps)
     snapshots = settings.snapshot_steps()
     saved_at = time.monotonic()
-    with FitProgress(settings.steps, f"fit {scene.name} ({method.name})", progress) as bar, work.watch.inside_render():
+    with (
+        FitProgress(settings.steps, f"fit {scene.name} ({method.name})", progress) as bar,
+        work.watch.time_render_parts(),
+    ):
         while work.step < last_step:
-            loss, difference = work.advance()
+            loss, difference = work.train_step()
             bar.update(work.step, loss, difference, len(work.optimiser))
             if work.step in snapshots:
                 export_views(folder, scene, work.splat(), method, work.step)
@@ -97,7 +100,7 @@ def fit(
     return gaussians
 
 
-class _Work:
+class _FitState:
     """The state of one fit."""
 
     def __init__(
@@ -116,15 +119,15 @@ class _Work:
         self.step = 0
         self.smoothing: Tensor | None = None
         self.optimiser: SplatOptimiser
-        self.pull: Pull
+        self.screen_gradients: ScreenGradientMean
 
-    def begin(self, progress: Callable[[int, int], None]) -> None:
+    def restore_or_initialise(self, progress: Callable[[int, int], None]) -> None:
         """Start from the folder's checkpoint, or from initial Gaussians if there is none."""
         checkpoint = load_checkpoint(self.folder, self._checkpoint_identity())
         if checkpoint is not None:
             self._adopt_gaussians(checkpoint["splat"])
             self.optimiser.restore({name: value.to(self.device) for name, value in checkpoint["optimiser"].items()})
-            self.pull.restore({name: value.to(self.device) for name, value in checkpoint["pull"].items()})
+            self.screen_gradients.restore({name: value.to(self.device) for name, value in checkpoint["pull"].items()})
             self.smoothing = None if checkpoint["smoothing"] is None else checkpoint["smoothing"].to(self.device)
             self.step = checkpoint["step"]
             return
@@ -142,7 +145,7 @@ class _Work:
         self._adopt_gaussians({f.name: getattr(initial, f.name) for f in dataclasses.fields(initial)})
         self._smooth()
 
-    def advance(self) -> tuple[Tensor, Tensor]:
+    def train_step(self) -> tuple[Tensor, Tensor]:
         """Perform one step; return the loss and the difference of render and photo."""
         settings, watch = self.settings, self.watch
         photo_number = self._photo_number()
@@ -150,7 +153,9 @@ class _Work:
         target = self.photos.target(photo_number)
         screen = ScreenStatistics()
         with watch.phase("render"):
-            rendered = render(self._shown(), camera, self.method, self.scene.background, near=self.near, screen=screen)
+            rendered = render(
+                self._rendered_gaussians(), camera, self.method, self.scene.background, near=self.near, screen=screen
+            )
             colour = rendered.colour
         with watch.phase("loss"):
             loss = photometric_loss(colour, target, settings.ssim_weight)
@@ -159,13 +164,13 @@ class _Work:
             total.backward()
         with watch.phase("densify"):
             if isinstance(settings.densification, Densification):
-                self.pull.add(screen, max(camera.height, camera.width))
+                self.screen_gradients.add(screen, max(camera.height, camera.width))
         with watch.phase("optimiser"):
             self.optimiser.step(self.step)
         self.step += 1
         watch.steps += 1
         with watch.phase("densify"):
-            self._change_number()
+            self._densify_or_relocate()
         return loss.detach(), colour.detach() - target.photo
 
     def splat(self) -> Gaussians:
@@ -182,7 +187,7 @@ class _Work:
                 "step": self.step,
                 "splat": {f.name: getattr(splat, f.name) for f in dataclasses.fields(splat)},
                 "optimiser": self.optimiser.state(),
-                "pull": self.pull.state(),
+                "pull": self.screen_gradients.state(),
                 "smoothing": self.smoothing,
             },
         )
@@ -190,9 +195,9 @@ class _Work:
     def _adopt_gaussians(self, values: dict[str, Tensor | None]) -> None:
         gaussians = Gaussians(**values).to(self.device)  # type: ignore[arg-type]
         self.optimiser = SplatOptimiser(gaussians, self.settings.rates, self.extent, self.settings.steps)
-        self.pull = Pull(len(gaussians), self.device)
+        self.screen_gradients = ScreenGradientMean(len(gaussians), self.device)
 
-    def _shown(self) -> Gaussians:
+    def _rendered_gaussians(self) -> Gaussians:
         degree = min(self.settings.sh_degree, 3 * self.step * (self.settings.sh_degree + 1) // self.settings.steps)
         return dataclasses.replace(self.optimiser.gaussians(degree), smoothing=self.smoothing)
 
@@ -202,15 +207,15 @@ class _Work:
             return torch.zeros((), device=self.device)
         return weight * self.optimiser.gaussians(0).opacity_logits.sigmoid().mean()
 
-    def _change_number(self) -> None:
+    def _densify_or_relocate(self) -> None:
         settings, steps = self.settings.densification, self.settings.steps
-        if settings.due(self.step, steps):
+        if settings.is_due(self.step, steps):
             limit = self.settings.max_gaussians
             if isinstance(settings, Relocation):
                 relocate(self.optimiser, settings, limit, self._generator(2))
             else:
-                densify(self.optimiser, self.pull, settings, self.extent, limit, self._generator(2))
-            self.pull = Pull(len(self.optimiser), self.device)
+                densify(self.optimiser, self.screen_gradients, settings, self.extent, limit, self._generator(2))
+            self.screen_gradients = ScreenGradientMean(len(self.optimiser), self.device)
             self._smooth()
             if len(self.optimiser) == 0:
                 raise InputError(f"fit of scene {self.scene.name}", "lost all Gaussians", "lower densification.opacity")

@@ -19,7 +19,7 @@ from gaussian_enhancer.types import Camera, Gaussians
 SH_C0 = 0.28209479177387814
 
 
-def from_points(
+def gaussians_from_points(
     points: Points,
     *,
     axes: int = 3,
@@ -58,7 +58,7 @@ def from_points(
     return Gaussians(points.positions.clone(), scales, quaternions, logits, sh)
 
 
-def at_random(cameras: Sequence[Camera], count: int, generator: torch.Generator) -> Points:
+def random_points(cameras: Sequence[Camera], count: int, generator: torch.Generator) -> Points:
     """Random points that at least two cameras (or the only one) see, uniform over pixels and over inverse depth.
 
     Args:

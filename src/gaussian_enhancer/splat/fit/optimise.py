@@ -18,7 +18,7 @@ from gaussian_enhancer.splat.fit.adam import Moments, adam_step
 from gaussian_enhancer.typed import check_fields
 from gaussian_enhancer.types import Gaussians
 
-LEARNT = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
+OPTIMISED_PARAMETERS = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
 MOMENTS = ("exp_avg", "exp_avg_sq")
 
 
@@ -83,7 +83,7 @@ class SplatOptimiser:
         self._rates, self._extent, self._steps, self._fade = rates.without_boost(steps), extent, steps, fade
         self._leaves: dict[str, Tensor] = {}
         self._moments: dict[str, Moments] = {}
-        self._taken = 0
+        self._step_count = 0
         for name, value in _columns(gaussians).items():
             leaf = value.detach().clone().contiguous()
             self._set(name, leaf, Moments(torch.zeros_like(leaf), torch.zeros_like(leaf)))
@@ -116,24 +116,24 @@ class SplatOptimiser:
         Args:
             number: the step's number, from 0; sets the centres' rate.
         """
-        self._taken += 1
+        self._step_count += 1
         for name, leaf in self._leaves.items():
             if leaf.grad is not None:
                 rate, first_rate = self._rate(name, number)
-                adam_step(leaf.detach(), leaf.grad, self._moments[name], self._taken, rate, first_rate)
+                adam_step(leaf.detach(), leaf.grad, self._moments[name], self._step_count, rate, first_rate)
                 leaf.grad = None
 
     def keep(self, index: Tensor) -> None:
         """Drop all Gaussians but those that a mask or an index tensor selects, moments included."""
         self._rewrite(lambda name, value: value[index])
 
-    def append(self, joining: Gaussians) -> None:
+    def append(self, others: Gaussians) -> None:
         """Add Gaussians at the end; their moments start at zero.
 
         Args:
-            joining: the Gaussians to add, with as many colour coefficients as the present ones.
+            others: the Gaussians to add, with as many colour coefficients as the present ones.
         """
-        added = _columns(joining)
+        added = _columns(others)
 
         def extended(name: str, value: Tensor) -> Tensor:
             field, _, moment = name.partition(".")
@@ -188,7 +188,7 @@ class SplatOptimiser:
             tensors = {"": leaf.detach(), ".exp_avg": moments.exp_avg, ".exp_avg_sq": moments.exp_avg_sq}
             for suffix, tensor in tensors.items():
                 values |= {part + suffix: value for part, value in _parts(name, tensor).items()}
-            values |= {f"{part}.step": torch.tensor(float(self._taken)) for part in _parts(name, leaf)}
+            values |= {f"{part}.step": torch.tensor(float(self._step_count)) for part in _parts(name, leaf)}
         return values
 
     def restore(self, values: dict[str, Any]) -> None:
@@ -200,7 +200,7 @@ class SplatOptimiser:
                 _join_parts(values, name, f".{key}") if has_moments else torch.zeros_like(leaf) for key in MOMENTS
             ]
             self._set(name, leaf, Moments(*moments))
-        self._taken = int(values.get("means.step", 0))
+        self._step_count = int(values.get("means.step", 0))
 
     def _rewrite(self, change: Callable[[str, Tensor], Tensor]) -> None:
         """Replace every leaf and moment by a function of its name ("means", "means.exp_avg") and value."""
@@ -225,7 +225,7 @@ class SplatOptimiser:
 
 def _columns(gaussians: Gaussians) -> dict[str, Float[Tensor, "n ..."]]:
     """The optimised tensors by name."""
-    return {name: getattr(gaussians, name) for name in LEARNT}
+    return {name: getattr(gaussians, name) for name in OPTIMISED_PARAMETERS}
 
 
 def _parts(name: str, tensor: Tensor) -> dict[str, Tensor]:

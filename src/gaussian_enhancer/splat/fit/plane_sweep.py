@@ -181,7 +181,7 @@ def inverse_depth(
     if settings.smoothness > 0:
         smoothed = np.zeros_like(volume)
         penalty = np.float32(settings.smoothness)
-        kernels.smooth(volume, image, penalty, np.float32(8 * penalty), smoothed)
+        kernels.aggregate_costs(volume, image, penalty, np.float32(8 * penalty), smoothed)
         volume = smoothed
     index = np.empty(image.shape[:2], np.float32)
     kernels.best_plane(volume, index)
@@ -236,11 +236,11 @@ def _known_depths(known: Points | None, cameras: Sequence[Camera]) -> Tensor | N
     """Depths of known points in all cameras that see them; None if there are fewer than 100."""
     if known is None or len(known.positions) < 100:
         return None
-    depths = torch.cat([_seen_depths(known.positions, camera) for camera in cameras])
+    depths = torch.cat([_visible_depths(known.positions, camera) for camera in cameras])
     return depths if len(depths) >= 100 else None
 
 
-def _seen_depths(positions: Tensor, camera: Camera) -> Tensor:
+def _visible_depths(positions: Tensor, camera: Camera) -> Tensor:
     camera_points = positions @ camera.rotation.T + camera.world_to_camera[:3, 3]
     pixels = camera_points @ camera.K.T
     x, y = pixels[:, 0] / pixels[:, 2], pixels[:, 1] / pixels[:, 2]
@@ -260,7 +260,7 @@ def _coarse_depths(views: list[_View], distance: float, settings: SweepSettings)
     positions = _merge_confirmed(
         coarse_views, inverse_depth_maps, float(inverse_depths[1] - inverse_depths[0]), strict_settings
     ).points.positions
-    visible_depths = torch.cat([_seen_depths(positions, view.camera) for view in coarse_views])
+    visible_depths = torch.cat([_visible_depths(positions, view.camera) for view in coarse_views])
     return visible_depths if len(positions) >= 100 else visible_depths[:0]
 
 
@@ -286,7 +286,7 @@ def _merge_confirmed(views: list[_View], depths: list[Tensor], step: float, sett
         confirmed = torch.zeros(len(world_points))
         already_merged = torch.zeros(len(world_points), dtype=torch.bool)
         for j in view.neighbours:
-            agrees = _agrees_at(world_points, views[j].camera, depths[j], step, settings)
+            agrees = _agreement_mask(world_points, views[j].camera, depths[j], step, settings)
             confirmed += agrees
             if j < i:
                 already_merged |= agrees
@@ -297,7 +297,7 @@ def _merge_confirmed(views: list[_View], depths: list[Tensor], step: float, sett
     return SweptPoints(Points(torch.cat(positions), torch.cat(colours)), torch.cat(confirmations))
 
 
-def _agrees_at(world: Tensor, camera: Camera, inverse: Tensor, step: float, settings: SweepSettings) -> Tensor:
+def _agreement_mask(world: Tensor, camera: Camera, inverse: Tensor, step: float, settings: SweepSettings) -> Tensor:
     """Whether a view's inverse depth map agrees with the inverse depth of each point."""
     camera_points = world @ camera.rotation.T + camera.world_to_camera[:3, 3]
     pixels = camera_points @ camera.K.T

@@ -11,7 +11,7 @@ from numba import prange
 
 from gaussian_enhancer.splat.compiled import exact_inner, exact_kernel
 
-UNSEEN = np.float32(0.5)
+OUTSIDE_COST = np.float32(0.5)
 """Cost of a pixel outside a neighbour's image: that of a bad match, so that visible depths are preferred."""
 
 
@@ -20,14 +20,14 @@ UNSEEN = np.float32(0.5)
 def _difference(image, other, homography, out):
     """Mean absolute difference over channels of the view and a neighbour warped by one plane's homography.
 
-    It is at most `UNSEEN`.
+    It is at most `OUTSIDE_COST`.
     """
     height, width = image.shape[0], image.shape[1]
     for y in range(height):
         for x in range(width):
             u, v = np.float32(x + 0.5), np.float32(y + 0.5)
             depth = homography[2, 0] * u + homography[2, 1] * v + homography[2, 2]
-            out[y, x] = UNSEEN
+            out[y, x] = OUTSIDE_COST
             if depth <= 1e-6:
                 continue
             px = (homography[0, 0] * u + homography[0, 1] * v + homography[0, 2]) / depth - np.float32(0.5)
@@ -41,7 +41,7 @@ def _difference(image, other, homography, out):
                 top = other[y0, x0, c] + fx * (other[y0, x0 + 1, c] - other[y0, x0, c])
                 bottom = other[y0 + 1, x0, c] + fx * (other[y0 + 1, x0 + 1, c] - other[y0 + 1, x0, c])
                 total += abs(top + fy * (bottom - top) - image[y, x, c])
-            out[y, x] = min(UNSEEN, total / np.float32(3))
+            out[y, x] = min(OUTSIDE_COST, total / np.float32(3))
 
 
 @exact_inner
@@ -96,7 +96,7 @@ def cost_volume(image, others, homographies, radius, volume):
 
 @exact_inner
 @no_type_check
-def _step(previous, cost, small, large, out):
+def _path_costs(previous, cost, small, large, out):
     """Path costs of a pixel in semi-global matching: changes by one plane cost ``small``, larger ones ``large``."""
     planes = cost.shape[0]
     least = previous.min()
@@ -111,7 +111,7 @@ def _step(previous, cost, small, large, out):
 
 @exact_kernel
 @no_type_check
-def smooth(volume, image, small, large, total):
+def aggregate_costs(volume, image, small, large, total):
     """Sums of semi-global path costs along rows and columns in both directions; jumps cost less at image edges.
 
     Source: Hirschmueller, Stereo Processing by Semiglobal Matching and Mutual Information, TPAMI 2008, eq. 13.
@@ -136,7 +136,7 @@ def smooth(volume, image, small, large, total):
                     for c in range(3):
                         edge += abs(image[y, x, c] - image[py, px, c])
                     penalty = max(small, large / (np.float32(1) + np.float32(10) * edge))
-                _step(previous, volume[y, x], small, penalty, current)
+                _path_costs(previous, volume[y, x], small, penalty, current)
                 for d in range(planes):
                     total[y, x, d] += current[d]
                     previous[d] = current[d]

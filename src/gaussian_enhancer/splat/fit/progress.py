@@ -19,7 +19,7 @@ EVERY = 10
 
 
 @contextmanager
-def waiting(title: str, shown: bool) -> Iterator[None]:
+def waiting_bar(title: str, shown: bool) -> Iterator[None]:
     """Show a bar without a total on a terminal's standard error while something is prepared, then remove it.
 
     Args:
@@ -82,7 +82,7 @@ class FitProgress:
         state = f"loss {self._loss:.4f}  {psnr:.2f} dB  {count} Gaussians"
         self._bar.update(self._task, completed=step, state=state)
 
-    def swept(self, views: int, total: int) -> None:
+    def update_views(self, views: int, total: int) -> None:
         """Show how many views the plane sweep has done."""
         self._bar.update(self._task, completed=views, total=total)
 

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.splat.fit.densify import due_between
+from gaussian_enhancer.splat.fit.densify import is_due_between
 from gaussian_enhancer.splat.fit.optimise import SplatOptimiser
 from gaussian_enhancer.splat.fit.turned import rotate_vectors
 from gaussian_enhancer.types import Gaussians
@@ -54,9 +54,9 @@ class Relocation:
         if not (self.growth >= 0 and self.noise >= 0):
             raise InputError("densification.growth, noise", f"are {self.growth}, {self.noise}", "give none below 0")
 
-    def due(self, step: int, steps: int) -> bool:
+    def is_due(self, step: int, steps: int) -> bool:
         """Whether Gaussians are relocated after this step (counted from 1)."""
-        return due_between(self.every, self.start, self.stop, step, steps)
+        return is_due_between(self.every, self.start, self.stop, step, steps)
 
 
 def split_between_copies(

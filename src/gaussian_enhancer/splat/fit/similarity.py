@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.ssim import ssim_map, windowed
+from gaussian_enhancer.ssim import filter_windowed, ssim_map
 from gaussian_enhancer.types import Movable
 
 
@@ -39,7 +39,7 @@ def prepare(photo: Float[Tensor, "c h w"]) -> PreparedPhoto:
     """
     photo = photo.detach().contiguous()
     if not _similarity_compiled(photo):
-        return PreparedPhoto(photo, windowed(photo), windowed(photo * photo))
+        return PreparedPhoto(photo, filter_windowed(photo), filter_windowed(photo * photo))
     from gaussian_enhancer.splat.fit import similarity_kernels as kernels
 
     mean, square = torch.empty_like(photo), torch.empty_like(photo)

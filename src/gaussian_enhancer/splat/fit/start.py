@@ -11,7 +11,7 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.scene import Points, Scene
-from gaussian_enhancer.splat.fit.initialise import at_random, from_points, neighbour_distances
+from gaussian_enhancer.splat.fit.initialise import gaussians_from_points, neighbour_distances, random_points
 from gaussian_enhancer.splat.fit.plane_sweep import SweepSettings, SweptPoints, sweep_points
 from gaussian_enhancer.splat.fit.targets import TrainingPhotos
 from gaussian_enhancer.splat.methods import Method, TwoDGS
@@ -23,7 +23,7 @@ OPACITY_ON_SURFACES = 0.3
 STARTS = ("auto", "plane_sweep", "points", "random")
 """Sources of the initial Gaussians: the values of ``init``."""
 
-ONCE_SHARE = 0.15
+SINGLE_CONFIRMATION_SHARE = 0.15
 """Share of the swept points that is reserved for those which a single neighbour confirms."""
 
 
@@ -58,7 +58,7 @@ def starting_gaussians(
     """
     scene_points = scene.points if scene.points is not None and len(scene.points.positions) else None
     if init == "random":
-        points = at_random(photos.cameras, count, generator)
+        points = random_points(photos.cameras, count, generator)
     elif init == "points":
         if scene_points is None:
             raise InputError("init=points", f"but scene {scene.name} has none", "choose plane_sweep or random")
@@ -83,7 +83,9 @@ def starting_gaussians(
     widths = neighbour_distances(points.positions)
     opacity = 0.1 if init == "random" else OPACITY_ON_SURFACES
     axes = 2 if disks else 3
-    return from_points(points, axes=axes, sh_degree=sh_degree, opacity=opacity, deviations=widths, facing=facing)
+    return gaussians_from_points(
+        points, axes=axes, sh_degree=sh_degree, opacity=opacity, deviations=widths, facing=facing
+    )
 
 
 def _most_confirmed(swept: SweptPoints, count: int, generator: torch.Generator) -> Points:
@@ -96,7 +98,7 @@ def _most_confirmed(swept: SweptPoints, count: int, generator: torch.Generator) 
     confirmed_once = (swept.confirmations < 2).nonzero()[:, 0]
     confirmed_twice = confirmed_twice[torch.randperm(len(confirmed_twice), generator=generator)]
     confirmed_once = confirmed_once[torch.randperm(len(confirmed_once), generator=generator)]
-    reserved_count = min(len(confirmed_once), round(ONCE_SHARE * count))
+    reserved_count = min(len(confirmed_once), round(SINGLE_CONFIRMATION_SHARE * count))
     selected = confirmed_twice[: count - reserved_count]
     selected = torch.cat([selected, confirmed_once[: count - len(selected)]])
     return Points(swept.points.positions[selected], swept.points.colours[selected])

@@ -8,7 +8,7 @@ from unittest.mock import patch
 
 import torch
 
-INSIDE_RENDER = {
+RENDER_PARTS = {
     "project": ("ewa.project", "disks.project_disks", "sh.shade"),
     "bin": ("tiles.bin_tiles",),
     "raster": ("raster.blend", "raster_disks.blend_disks"),
@@ -19,14 +19,14 @@ INSIDE_RENDER = {
 
 
 class Stopwatch:
-    """Sums the run time of named phases; does nothing unless ``on``.
+    """Sums the run time of named phases; does nothing unless ``enabled``.
 
     Args:
-        on: whether to measure. On CUDA every phase then ends with a synchronisation.
+        enabled: whether to measure. On CUDA every phase then ends with a synchronisation.
     """
 
-    def __init__(self, on: bool = False) -> None:
-        self.on = on
+    def __init__(self, enabled: bool = False) -> None:
+        self.on = enabled
         self.seconds: dict[str, float] = {}
         self.steps = 0
 
@@ -41,11 +41,11 @@ class Stopwatch:
         self.seconds[name] = self.seconds.get(name, 0.0) + _now() - start
 
     @contextmanager
-    def inside_render(self) -> Iterator[None]:
+    def time_render_parts(self) -> Iterator[None]:
         """Measure the parts of the renderer while the block runs."""
         with ExitStack() as stack:
             if self.on:
-                for name, parts in INSIDE_RENDER.items():
+                for name, parts in RENDER_PARTS.items():
                     for part in parts:
                         target = f"gaussian_enhancer.splat.{part}"
                         stack.enter_context(patch(target, self._timed(name, target)))
@@ -55,8 +55,8 @@ class Stopwatch:
         """Table of milliseconds per step by phase; the renderer's parts are included in render and backward."""
         lines = [f"{'phase':<20}{'ms/step':>9}"]
         for name, seconds in self.seconds.items():
-            lines.append(f"{'  ' * (name in INSIDE_RENDER) + name:<20}{1e3 * seconds / max(1, self.steps):>9.2f}")
-        total = sum(seconds for name, seconds in self.seconds.items() if name not in INSIDE_RENDER)
+            lines.append(f"{'  ' * (name in RENDER_PARTS) + name:<20}{1e3 * seconds / max(1, self.steps):>9.2f}")
+        total = sum(seconds for name, seconds in self.seconds.items() if name not in RENDER_PARTS)
         lines.append(f"{'sum':<20}{1e3 * total / max(1, self.steps):>9.2f}")
         return "\n".join(lines)
 

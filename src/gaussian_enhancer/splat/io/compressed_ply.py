@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.io.ply import read_elements
-from gaussian_enhancer.splat.io.quantised import SH_CONSTANT, bit_field, completed_rotation, opacity_logits
+from gaussian_enhancer.splat.io.quantised import SH_CONSTANT, bit_field, complete_quaternion, opacity_logits
 from gaussian_enhancer.splat.io.validity import refuse_or_drop_invalid
 from gaussian_enhancer.types import Gaussians
 
@@ -100,7 +100,7 @@ def _within_range(ranges: np.ndarray, fraction: np.ndarray, axes: tuple[str, ...
 def _rotations(packed: np.ndarray) -> Float[np.ndarray, "n 4"]:
     """Quaternions (w, x, y, z) of 2-10-10-10 words."""
     components = np.stack([bit_field(packed, shift, 10) for shift in (20, 10, 0)], axis=1)
-    return completed_rotation((components - 0.5) * np.sqrt(2.0), (packed >> np.uint32(30)).astype(np.int64))
+    return complete_quaternion((components - 0.5) * np.sqrt(2.0), (packed >> np.uint32(30)).astype(np.int64))
 
 
 def _higher_harmonics(sh: np.ndarray) -> Float[np.ndarray, "n k 3"]:

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.input_files import reading, refuse_larger, refuse_larger_archive, regular_file
+from gaussian_enhancer.input_files import convert_read_errors, refuse_larger, refuse_larger_archive, regular_file
 from gaussian_enhancer.splat.io.validity import refuse_or_drop_invalid
 from gaussian_enhancer.types import Gaussians
 
@@ -34,7 +34,7 @@ SHAPES: Mapping[str, tuple[int | None, ...]] = {
 _REMEDY = "give the .ply that simple_trainer writes with --save-ply"
 
 
-def splat_in(path: str | Path) -> Path:
+def find_splat(path: str | Path) -> Path:
     """Return a file as it is; of a result folder, the latest step's .ply, or its checkpoint if it has no .ply.
 
     Args:
@@ -44,7 +44,7 @@ def splat_in(path: str | Path) -> Path:
         InputError: the folder holds neither, or cannot be read.
     """
     folder = Path(path)
-    with reading(folder):
+    with convert_read_errors(folder):
         if not folder.is_dir():
             return folder
     candidates = [
@@ -71,11 +71,11 @@ def refuse_normalised(splat: str | Path) -> None:
         InputError: the folder's ``cfg.yml`` says that the world was normalised.
     """
     path = Path(splat)
-    with reading(path):
+    with convert_read_errors(path):
         config = (path if path.is_dir() else path.parent.parent) / "cfg.yml"
         if not config.is_file():
             return
-    with reading(config):
+    with convert_read_errors(config):
         text = config.read_text(encoding="utf-8", errors="replace")  # not parsed: its YAML names Python objects
     if re.search(r"^normalize_world_space: true$", text, flags=re.MULTILINE):
         received = "says normalize_world_space: true, so that the splat does not lie where its capture does"

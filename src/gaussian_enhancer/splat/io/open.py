@@ -3,15 +3,15 @@
 from pathlib import Path
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.input_files import reading, regular_file
+from gaussian_enhancer.input_files import convert_read_errors, regular_file
 from gaussian_enhancer.splat.io.compressed_ply import read_compressed_ply
-from gaussian_enhancer.splat.io.gsplat_results import read_gsplat_checkpoint, splat_in
+from gaussian_enhancer.splat.io.gsplat_results import find_splat, read_gsplat_checkpoint
 from gaussian_enhancer.splat.io.ply import read_ply
 from gaussian_enhancer.splat.io.spz import GZIP_MAGIC, MAGIC, read_spz
 from gaussian_enhancer.types import Gaussians
 
 _FORMATS = "a 3DGS .ply, a PlayCanvas compressed .ply, a .spz or a checkpoint of gsplat"
-_ARCHIVE = b"PK\x03\x04"
+_ZIP_MAGIC = b"PK\x03\x04"
 
 
 def read_splat(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
@@ -25,14 +25,14 @@ def read_splat(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
         InputError: if the file is missing, empty, of an unknown format, inconsistent with its format, or holds invalid
             Gaussians that are refused.
     """
-    path = splat_in(path)
+    path = find_splat(path)
     head = _head(path)
     if head[:4] == MAGIC or head[:2] == GZIP_MAGIC:
         return read_spz(path, invalid=invalid)
     if head[:3] == b"ply":
         compressed = b"packed_position" in head.split(b"end_header", 1)[0]
         return (read_compressed_ply if compressed else read_ply)(path, invalid=invalid)
-    if head[:4] == _ARCHIVE:
+    if head[:4] == _ZIP_MAGIC:
         return read_gsplat_checkpoint(path, invalid=invalid)
     if not head:
         raise InputError(path, "is empty", f"give {_FORMATS}")
@@ -42,5 +42,5 @@ def read_splat(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
 def _head(path: str | Path) -> bytes:
     """The file's first bytes, enough for the header of any .ply that holds a splat."""
     regular_file(path)
-    with reading(path), open(path, "rb") as file:
+    with convert_read_errors(path), open(path, "rb") as file:
         return file.read(16_384)

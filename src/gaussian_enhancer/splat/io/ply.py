@@ -17,7 +17,7 @@ import torch
 from plyfile import PlyData, PlyElement
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.ply_file import read_ply_elements
 from gaussian_enhancer.splat.io.validity import refuse_or_drop_invalid
 from gaussian_enhancer.types import Gaussians
@@ -92,7 +92,7 @@ def write_ply(path: str | Path, gaussians: Gaussians) -> None:
     vertex = np.ascontiguousarray(values).view([(name, "<f4") for name in names])[:, 0]
     content = io.BytesIO()  # numpy's writing to a file does not report a disk that becomes full at the very end
     PlyData([PlyElement.describe(vertex, "vertex")], byte_order="<").write(content)
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_bytes(content.getbuffer())
 
 

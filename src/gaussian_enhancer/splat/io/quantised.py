@@ -21,7 +21,7 @@ def opacity_logits(opacity: UInt8[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     return np.log(fraction / (1.0 - fraction))
 
 
-def completed_rotation(three: Float[np.ndarray, "n 3"], largest: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 4"]:
+def complete_quaternion(three: Float[np.ndarray, "n 3"], largest: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 4"]:
     """Unit quaternions from their three smallest components, in order, and the index of the largest.
 
     The largest is the root of one minus the sum of the others' squares. It may be taken as positive, since q and -q are

@@ -15,7 +15,7 @@ from typing import Any
 import torch
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.optional_library import optional_library
 from gaussian_enhancer.splat.filters import apply_3d_filter
 from gaussian_enhancer.splat.io.spz import half_turn
@@ -44,7 +44,7 @@ def check_format(name: str, gaussians: Gaussians) -> None:
     _library()
 
 
-def write_small(path: Path, gaussians: Gaussians, name: str) -> None:
+def write_compressed(path: Path, gaussians: Gaussians, name: str) -> None:
     """Write a splat in a compressed format, which rounds its values.
 
     Args:
@@ -74,7 +74,7 @@ def write_small(path: Path, gaussians: Gaussians, name: str) -> None:
         else:
             _library().plywrite(gsply_file, data, compressed=True)
         content = gsply_file.read_bytes()
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_bytes(content)
 
 

@@ -25,7 +25,7 @@ from jaxtyping import Float
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.input_files import read_bytes, refuse_larger
-from gaussian_enhancer.splat.io.quantised import completed_rotation, opacity_logits
+from gaussian_enhancer.splat.io.quantised import complete_quaternion, opacity_logits
 from gaussian_enhancer.splat.io.validity import refuse_or_drop_invalid
 from gaussian_enhancer.types import Gaussians
 
@@ -205,12 +205,12 @@ def _rotations(version: int, stored: np.ndarray) -> Float[np.ndarray, "n 4"]:
     """Quaternions (w, x, y, z) in the file's axes."""
     if version == 2:
         components = stored / 127.5 - 1.0
-        return completed_rotation(components, np.zeros(len(stored), np.int64))
+        return complete_quaternion(components, np.zeros(len(stored), np.int64))
     packed = np.ascontiguousarray(stored).view("<u4")[:, 0]
     fields = np.stack([(packed >> np.uint32(shift)) & np.uint32(1023) for shift in (20, 10, 0)], axis=1)
     magnitude = (fields & np.uint32(511)) / 511.0 * np.sqrt(0.5)
     components = np.where(fields & np.uint32(512), -magnitude, magnitude)
-    xyzw = completed_rotation(components, (packed >> np.uint32(30)).astype(np.int64))
+    xyzw = complete_quaternion(components, (packed >> np.uint32(30)).astype(np.int64))
     return xyzw[:, [3, 0, 1, 2]]
 
 
