@@ -159,7 +159,7 @@ def network_records(cfg: DictConfig, peers: list[Peer], device: torch.device, vi
     dtypes = {name: DTYPES[name] for name in cfg.dtypes}
     amounts: dict[tuple[str, str], tuple[float, float]] = {}
     possible: dict[str, Way] = {}
-    for way in _all_ways(cfg, peers, dtypes, device, views):
+    for way in _all_ways(cfg, peers, dtypes, device):
         try:
             way.call()
         except RuntimeError as error:  # some published networks mix number types in their code
@@ -204,7 +204,7 @@ def network_records(cfg: DictConfig, peers: list[Peer], device: torch.device, vi
 
 
 def _all_ways(
-    cfg: DictConfig, peers: list[Peer], dtypes: Mapping[str, torch.dtype], device: torch.device, views: Views
+    cfg: DictConfig, peers: list[Peer], dtypes: Mapping[str, torch.dtype], device: torch.device
 ) -> Iterator[Way]:
     for peer in peers:
         for dtype in ways(peer, dtypes):

@@ -9,6 +9,9 @@ from torch import Tensor
 
 from gaussian_enhancer.types import single_precision, usable_depth
 
+MAX_INVERSE_DEPTH = 4.0
+"""Largest normalised inverse depth."""
+
 
 def depth_unit(depth: Float[Tensor, "b 1 h w"]) -> Float[Tensor, " b"]:
     """Median usable depth of each image, which is the length that counts as 1; 1 if an image has no usable depth."""
@@ -17,7 +20,9 @@ def depth_unit(depth: Float[Tensor, "b 1 h w"]) -> Float[Tensor, " b"]:
 
 
 def normalised_inverse_depth(depth: Float[Tensor, "b 1 h w"], unit: Float[Tensor, " b"]) -> Float[Tensor, "b 1 h w"]:
-    """Inverse depth, unit / depth, limited to [0, 4]. It does not depend on the scene's scale; 0 where nothing was hit.
+    """Inverse depth, unit / depth, limited to [0, `MAX_INVERSE_DEPTH`]. 0 where nothing was hit.
+
+    It does not depend on the scene's scale.
 
     Args:
         depth: z in scene units.
@@ -25,4 +30,4 @@ def normalised_inverse_depth(depth: Float[Tensor, "b 1 h w"], unit: Float[Tensor
     """
     usable = usable_depth(depth)
     ratio = unit[:, None, None, None] / single_precision(torch.where(usable, depth, torch.ones_like(depth)))
-    return torch.where(usable, ratio.clamp(0, 4), torch.zeros_like(ratio))
+    return torch.where(usable, ratio.clamp(0, MAX_INVERSE_DEPTH), torch.zeros_like(ratio))

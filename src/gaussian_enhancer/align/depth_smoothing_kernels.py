@@ -8,7 +8,7 @@ from typing import no_type_check
 import numpy as np
 from numba import prange
 
-from gaussian_enhancer.splat.compiled import inner, kernel
+from gaussian_enhancer.splat.compiled import add_scaled, inner, kernel
 
 _F = np.float32
 _ONE = _F(1)
@@ -38,23 +38,23 @@ def _fit_row(depth, render, row, step, reach, sharpness, contrast, ridge, furthe
             for c in range(3):
                 _add_contrast(contrasts, render[c, other, left:right], render[c, row, margin:end], contrast)
             _sample_weights(here, depth[other, left:right], contrasts, sharpness, furthest, weight, beyond)
-            _add_scaled(sums_of_row[0], weight, _ONE)
-            _add_scaled(sums_of_row[3], beyond, _ONE)
+            add_scaled(sums_of_row[0], weight, _ONE)
+            add_scaled(sums_of_row[3], beyond, _ONE)
             if i != 0:
-                _add_scaled(sums_of_row[1], weight, dx)
-                _add_scaled(sums_of_row[2], weight, dx * dx)
-                _add_scaled(sums_of_row[4], beyond, dx)
+                add_scaled(sums_of_row[1], weight, dx)
+                add_scaled(sums_of_row[2], weight, dx * dx)
+                add_scaled(sums_of_row[4], beyond, dx)
         dy = _F(j)
-        _add_scaled(sums[0], sums_of_row[0], _ONE)
-        _add_scaled(sums[1], sums_of_row[1], _ONE)
-        _add_scaled(sums[3], sums_of_row[2], _ONE)
-        _add_scaled(sums[6], sums_of_row[3], _ONE)
-        _add_scaled(sums[7], sums_of_row[4], _ONE)
+        add_scaled(sums[0], sums_of_row[0], _ONE)
+        add_scaled(sums[1], sums_of_row[1], _ONE)
+        add_scaled(sums[3], sums_of_row[2], _ONE)
+        add_scaled(sums[6], sums_of_row[3], _ONE)
+        add_scaled(sums[7], sums_of_row[4], _ONE)
         if j != 0:
-            _add_scaled(sums[2], sums_of_row[0], dy)
-            _add_scaled(sums[4], sums_of_row[1], dy)
-            _add_scaled(sums[5], sums_of_row[0], dy * dy)
-            _add_scaled(sums[8], sums_of_row[3], dy)
+            add_scaled(sums[2], sums_of_row[0], dy)
+            add_scaled(sums[4], sums_of_row[1], dy)
+            add_scaled(sums[5], sums_of_row[0], dy * dy)
+            add_scaled(sums[8], sums_of_row[3], dy)
     for x in range(width):
         count, sx, sy = sums[0, x], sums[1, x], sums[2, x]
         xx, xy, yy = sums[3, x] + ridge, sums[4, x], sums[5, x] + ridge
@@ -83,11 +83,3 @@ def _sample_weights(here, there, contrasts, sharpness, furthest, weight, beyond)
         share = _ONE / (scaled * scaled * (_ONE + contrasts[x] * contrasts[x]))
         weight[x] = share
         beyond[x] = share * offset
-
-
-@inner
-@no_type_check
-def _add_scaled(total, values, factor):
-    """Add scaled values to a total."""
-    for x in range(len(total)):
-        total[x] += factor * values[x]

@@ -65,7 +65,7 @@ def photometric_difference(warped: Warped, image: Float[Tensor, "3 h w"]) -> Flo
     """
     visibility = warped.visibility
     if can_use_kernels(warped.colour, image, visibility):
-        return _difference_compiled(warped, image)
+        return _photometric_difference_compiled(warped, image)
     difference = (warped.colour - image).abs().mean(0, keepdim=True)
     weighted, total = F.avg_pool2d(
         torch.cat([difference * visibility, visibility]), WINDOW, 1, WINDOW // 2, count_include_pad=False
@@ -73,7 +73,7 @@ def photometric_difference(warped: Warped, image: Float[Tensor, "3 h w"]) -> Flo
     return weighted / total.clamp_min(1e-6)
 
 
-def _difference_compiled(warped: Warped, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 h w"]:
+def _photometric_difference_compiled(warped: Warped, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 h w"]:
     """Compiled version of `photometric_difference`."""
     from gaussian_enhancer.align.reproject_kernels import window_difference
     from gaussian_enhancer.splat.compiled import kernel_lock

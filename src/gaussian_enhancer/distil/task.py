@@ -20,11 +20,12 @@ from gaussian_enhancer.infer.validated_inputs import validate_inputs
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer, open_renderer
-from gaussian_enhancer.runs.splat_source import find_splat_file, splat_file
+from gaussian_enhancer.runs.splat_source import splat_file
 from gaussian_enhancer.runs.video import file_digest
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Photo, Scene
+from gaussian_enhancer.splat.io.gsplat_results import find_splat
 from gaussian_enhancer.splat.io.small_files import check_format
 from gaussian_enhancer.types import Gaussians
 
@@ -127,7 +128,7 @@ def find_splat_and_capture(
         raise InputError("distil", received, "give one of run=FOLDER, gaussians=FILE with scene=...")
     if capture is None:
         raise InputError("gaussians", "comes without its capture", "add scene=capture scene.path=FOLDER")
-    return find_splat_file(gaussians), capture
+    return find_splat(gaussians), capture
 
 
 def distil_task(

@@ -168,7 +168,7 @@ def weigh(logits, values, visibility, limit, news, trust):
                 for k in range(heads):
                     mean += weight[r, j * heads + k]
                 trust[n, r, i, j] = mean / _F(heads)
-        _halve_rows(weighted_sum, news[n, i].reshape(width * channels))
+        _convert_to_bfloat16(weighted_sum, news[n, i].reshape(width * channels))
 
 
 @inner
@@ -203,7 +203,7 @@ def _add_products(weight, values, total):
 
 @inner
 @no_type_check
-def _halve_rows(values, result):
+def _convert_to_bfloat16(values, result):
     for q in range(len(values)):
         result[q] = to_bfloat16(values[q])
 

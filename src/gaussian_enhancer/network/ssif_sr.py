@@ -125,7 +125,7 @@ class SSIFSR(CachesReferences):
         features, decoded, trust = self.middle(features, encoded, visibility)
         base = upsample_bicubic(image, 2)
         second = self.output(decoded, *merge_torch(base, half, halve(half), visibility, trust))
-        fine_visibility = _repeat_2x(visibility, 2)
+        fine_visibility = _repeat_2x(visibility)
         base = upsample_bicubic(image, 4) + upsample_bicubic(second - base, 2)
         merged, trust = merge_torch(base, photos, half, fine_visibility, _upsample_2x(trust) * (fine_visibility > 0))
         decoded = self.tail(self.grow_again(features), merged, trust)
@@ -298,7 +298,7 @@ def merge_torch(
     if can_fuse(base, photos, halved, visibility, trust):
         return _merge_compiled(base, photos, halved, visibility, trust)
     trust = trust.to(base.dtype)
-    weight = _upsample_2x(trust) * _repeat_2x(visibility > 0, 2)
+    weight = _upsample_2x(trust) * _repeat_2x(visibility > 0)
     total = weight.sum(1)
     mean = _weighted_sum(weight, photos) / total.clamp_min(1e-6)
     trust_sum = trust.sum(1, keepdim=True)
@@ -346,10 +346,10 @@ def _computing_dtype(image: Tensor) -> torch.dtype:
 def _upsample_2x(planes: Float[Tensor, "b r c i j"]) -> Float[Tensor, "b r c h w"]:
     """Planes upsampled by 2."""
     if planes.shape[1] == 0:
-        return _repeat_2x(planes, 2)
+        return _repeat_2x(planes)
     flat = F.interpolate(planes.flatten(1, 2), scale_factor=2, mode="bilinear", align_corners=False)
     return flat.unflatten(1, planes.shape[1:3])
 
 
-def _repeat_2x(plane: Tensor, times: int) -> Tensor:
-    return plane.repeat_interleave(times, dim=-2).repeat_interleave(times, dim=-1)
+def _repeat_2x(planes: Tensor) -> Tensor:
+    return planes.repeat_interleave(2, dim=-2).repeat_interleave(2, dim=-1)

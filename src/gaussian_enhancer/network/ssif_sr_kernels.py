@@ -11,7 +11,7 @@ import numpy as np
 from numba import prange
 
 from gaussian_enhancer.network.bfloat16_kernels import double_row, to_bfloat16
-from gaussian_enhancer.splat.compiled import inner, kernel
+from gaussian_enhancer.splat.compiled import add_scaled, inner, kernel
 
 _F = np.float32
 _ZERO, _ONE, _HALF, _LEAST = _F(0), _F(1), _F(0.5), _F(1e-6)
@@ -38,7 +38,7 @@ def upsample(image, shares, starts, result):
         row = np.zeros(width + 2 * BORDER, np.float32)
         for k in range(TAPS):
             source_row = min(max(i + starts[phase] + k, 0), height - 1)
-            _add_scaled(row[BORDER : BORDER + width], image[n, source_row], shares[phase, k])
+            add_scaled(row[BORDER : BORDER + width], image[n, source_row], shares[phase, k])
         row[:BORDER], row[BORDER + width :] = row[BORDER], row[BORDER + width - 1]
         fine = np.empty((scale, width), np.float32)
         for q in range(scale):
@@ -48,13 +48,6 @@ def upsample(image, shares, starts, result):
             _interleave_2(fine[0], fine[1], result[n, y])
         else:
             _interleave_4(fine[0], fine[1], fine[2], fine[3], result[n, y])
-
-
-@inner
-@no_type_check
-def _add_scaled(total, values, factor):
-    for x in range(len(total)):
-        total[x] += factor * values[x]
 
 
 @inner
@@ -101,7 +94,7 @@ def merge(photos, halved, visibility, trust, mean, seen, soft, together):
     for i in prange(height // 2):
         together[i] = _ZERO
         for r in range(count):
-            _add_scaled(together[i], trust[r, i], _ONE)
+            add_scaled(together[i], trust[r, i], _ONE)
         for c in range(3):
             weighted[c, i] = _ZERO
             for r in range(count):
@@ -111,7 +104,7 @@ def merge(photos, halved, visibility, trust, mean, seen, soft, together):
         for r in range(count):
             double_row(trust[r], y, weight[r])
             _zero_invisible(weight[r], visibility[r, y // 2])
-            _add_scaled(total, weight[r], _ONE)
+            add_scaled(total, weight[r], _ONE)
         for x in range(width):
             seen[y, x] = _ONE if total[x] > _ZERO else _ZERO
         trust_row = np.empty(width, np.float32)

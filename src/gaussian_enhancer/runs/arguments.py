@@ -1,4 +1,4 @@
-"""Checks of a configuration's values against the signature of the class or function that they are passed to."""
+"""Checks of a configuration: of inputs that exclude each other, and of values against the targets' signatures."""
 
 import inspect
 from collections.abc import Mapping
@@ -12,6 +12,24 @@ from gaussian_enhancer.typed import check_plain
 
 CHECKED_PACKAGES = ("gaussian_enhancer.", "ablations.")
 """Packages whose signatures state reliable types. Other packages check their arguments themselves, or not at all."""
+
+
+def only_given(inputs: Mapping[str, object], job: str, nothing: str, remedy: str) -> str:
+    """Name of the input that was given, of several that exclude each other.
+
+    Args:
+        inputs: all of them by name; None is an input that was not given.
+        job: name of the job, for the message.
+        nothing: what the message says was given if no input was.
+        remedy: the message's remedy.
+
+    Raises:
+        InputError: no input was given, or several.
+    """
+    given = [name for name, value in inputs.items() if value is not None]
+    if len(given) != 1:
+        raise InputError(job, f"was given {' and '.join(given) or nothing}", remedy)
+    return given[0]
 
 
 def check_arguments(node: DictConfig) -> None:

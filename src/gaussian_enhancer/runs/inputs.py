@@ -9,6 +9,7 @@ from omegaconf import DictConfig
 
 from gaussian_enhancer.align.depth_search import DepthKind
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.runs.arguments import only_given
 from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos, high_resolution_config
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.rendered_capture import render_capture
@@ -86,11 +87,9 @@ class InputPaths:
         Raises:
             InputError: no form of input or more than one was given, or the input cannot be read.
         """
-        forms = [name for name in ("run", "gaussians", "renders") if getattr(self, name) is not None]
-        if len(forms) != 1:
-            received = f"was given {' and '.join(forms)}" if forms else "was given nothing to enhance"
-            remedy = "give one of run=FOLDER, gaussians=FILE with scene=..., renders=FOLDER"
-            raise InputError("enhance", received, remedy)
+        inputs = {"run": self.run, "gaussians": self.gaussians, "renders": self.renders}
+        remedy = "give one of run=FOLDER, gaussians=FILE with scene=..., renders=FOLDER"
+        only_given(inputs, "enhance", "nothing to enhance", remedy)
         if self.run is not None:
             rendered = _every_nth(read_run(self.run, self.step, capture=self.capture), self.every)
             step = run_steps(Path(self.run))[-1] if self.step is None else self.step

@@ -10,6 +10,7 @@ from gaussian_enhancer.degrade.gates.fingerprint import Fingerprint, fingerprint
 from gaussian_enhancer.degrade.gates.gate import AllGate, Gate, NoGate, RandomGate
 from gaussian_enhancer.degrade.photographed import SimulatorInput, read_held_out, read_image
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.runs.arguments import only_given
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import read_run
@@ -41,17 +42,14 @@ def read_fitted_run(cfg: DictConfig) -> RenderedSet | None:
     Raises:
         InputError: both a photo and a run were given, or neither, or an option that only applies to the other one.
     """
-    inputs = [name for name in ("image", "run") if cfg[name] is not None]
-    if len(inputs) != 1:
-        received = "was given image and run" if inputs else "was given nothing to simulate from"
-        raise InputError("simulate", received, "give one of image=FILE, run=FOLDER")
-    inapplicable = {"image": ("view", "step"), "run": ("depth",)}[inputs[0]]
+    inputs = {name: cfg[name] for name in ("image", "run")}
+    form = only_given(inputs, "simulate", "nothing to simulate from", "give one of image=FILE, run=FOLDER")
+    inapplicable = {"image": ("view", "step"), "run": ("depth",)}[form]
     unused_option = next((name for name in inapplicable if cfg[name] is not None), None)
     if unused_option is not None:
-        raise InputError(
-            unused_option, f"was given beside {inputs[0]}", f"leave {unused_option} out: it has no effect there"
-        )
-    return read_run(cfg.run, cfg.step) if cfg.run is not None else None
+        remedy = f"leave {unused_option} out: it has no effect there"
+        raise InputError(unused_option, f"was given beside {form}", remedy)
+    return read_run(cfg.run, cfg.step) if form == "run" else None
 
 
 def choose_photo(cfg: DictConfig, rendered: RenderedSet | None) -> SimulatorInput:

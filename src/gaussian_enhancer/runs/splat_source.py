@@ -7,6 +7,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.runs.arguments import only_given
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer, open_renderer
 from gaussian_enhancer.scene.rendered import RenderedSet
@@ -73,11 +74,9 @@ def open_capture(cfg: DictConfig, job: str) -> Capture:
     Raises:
         InputError: no splat or several were given, or the capture cannot be read or has photos without a camera.
     """
-    inputs = [name for name in ("run", "gaussians") if cfg[name] is not None]
-    if len(inputs) != 1:
-        received = f"was given {' and '.join(inputs)}" if inputs else "was given nothing to render"
-        raise InputError(job, received, "give one of run=FOLDER, gaussians=FILE with scene=...")
-    return _capture_of_run(cfg) if cfg.run is not None else _capture_of_splat(cfg)
+    inputs = {name: cfg[name] for name in ("run", "gaussians")}
+    form = only_given(inputs, job, "nothing to render", "give one of run=FOLDER, gaussians=FILE with scene=...")
+    return _capture_of_run(cfg) if form == "run" else _capture_of_splat(cfg)
 
 
 def splat_file(run: str | Path) -> Path:
@@ -103,18 +102,6 @@ def splat_file(run: str | Path) -> Path:
     return files_by_iteration[max(files_by_iteration)]
 
 
-def find_splat_file(gaussians: str | Path) -> Path:
-    """The splat file that a path names, either directly or as a gsplat result folder.
-
-    Args:
-        gaussians: path of the file or folder.
-
-    Raises:
-        InputError: the folder holds no splat.
-    """
-    return find_splat(gaussians)
-
-
 def _capture_of_run(cfg: DictConfig) -> Capture:
     rendered = read_run(cfg.run)
     views = sorted((*rendered.targets, *rendered.references), key=lambda view: view.name)
@@ -131,6 +118,4 @@ def _capture_of_splat(cfg: DictConfig) -> Capture:
     cameras = tuple(photo.camera for photo in scene.photos if photo.camera is not None)
     if len(cameras) < len(scene.photos):
         raise InputError(scene.name, "has photos without a camera", "give a capture with cameras")
-    return Capture(
-        find_splat_file(cfg.gaussians), cameras, RenderedSet(scene.name, (), (), scene.background, True), scene
-    )
+    return Capture(find_splat(cfg.gaussians), cameras, RenderedSet(scene.name, (), (), scene.background, True), scene)

@@ -22,7 +22,7 @@ from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.runs.enhancement import effective_options, options_of, prepare_enhancement
 from gaussian_enhancer.runs.inputs import InputPaths, Task, attach_fine
 from gaussian_enhancer.runs.path_surfaces import refuse_inside
-from gaussian_enhancer.runs.splat_source import find_splat_file, open_capture, splat_file
+from gaussian_enhancer.runs.splat_source import open_capture, splat_file
 from gaussian_enhancer.scene.camera_path import (
     PathSettings,
     Shape,
@@ -33,6 +33,7 @@ from gaussian_enhancer.scene.camera_path import (
 )
 from gaussian_enhancer.scene.path import smooth_path
 from gaussian_enhancer.scene.path_files import read_path
+from gaussian_enhancer.splat.io.gsplat_results import find_splat
 from gaussian_enhancer.types import Camera
 from gaussian_enhancer.video.clip import Clip
 from gaussian_enhancer.video.encode import CODECS, Encoding
@@ -272,7 +273,7 @@ def run_configuration(filmed: VideoTask) -> DictConfig:
         filmed: the video to enhance.
     """
     cfg, configuration = filmed.cfg, effective_options(filmed.cfg)
-    splat = splat_file(cfg.run) if cfg.run is not None else find_splat_file(cfg.gaussians)
+    splat = splat_file(cfg.run) if cfg.run is not None else find_splat(cfg.gaussians)
     digests = {"path": _path_digest(filmed.path.cameras), "splat": file_digest(splat)}
     if filmed.path.clip is not None:
         digests["input"] = file_digest(filmed.path.clip.path)

@@ -1,4 +1,4 @@
-"""Compilation settings of the CPU kernels, their common thresholds, and an exponential that LLVM can vectorise.
+"""Compilation settings of the CPU kernels, their common thresholds, and the inner loops that several of them share.
 
 Kernels are Numba functions on C-contiguous NumPy arrays. ``cache=True`` writes the machine code beside the source,
 or into the user's cache folder where the package is installed read-only (``NUMBA_CACHE_DIR`` names another place).
@@ -11,7 +11,7 @@ survive a fork: a process that has run a kernel must use the spawn method to sta
 import inspect
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import Any, no_type_check
 
 import numpy as np
 from numba import njit
@@ -84,3 +84,11 @@ def exp2_nonpositive(t: np.float32) -> np.float32:
     f = t - _F(whole)
     power = np.int32((whole + _BIAS) << _MANTISSA).view(np.float32)
     return power * (_C0 + f * (_C1 + f * (_C2 + f * (_C3 + f * (_C4 + f * _C5)))))
+
+
+@inner
+@no_type_check
+def add_scaled(total, values, factor):
+    """Add scaled values to a total."""
+    for x in range(len(total)):
+        total[x] += factor * values[x]

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from kornia.filters import filter2d
 from torch import Tensor
 
-from gaussian_enhancer.degrade.artefacts.fields import smooth_field
+from gaussian_enhancer.degrade.artefacts.fields import oriented_gaussian, smooth_field
 from gaussian_enhancer.degrade.artefacts.rng import uniform
 from gaussian_enhancer.degrade.artefacts.view import View
 
@@ -39,9 +39,7 @@ def oriented_kernels(
     offset = torch.arange(-radius, radius + 1, device=along.device, dtype=along.dtype)
     down, right = torch.meshgrid(offset, offset, indexing="ij")
     along, across, angle = (value[..., None, None] for value in (along, across, angle))
-    along_offset = (torch.cos(angle) * right + torch.sin(angle) * down) / along.clamp_min(MIN_SIGMA)
-    across_offset = (torch.cos(angle) * down - torch.sin(angle) * right) / across.clamp_min(MIN_SIGMA)
-    kernels = torch.exp(-0.5 * (along_offset.square() + across_offset.square()))
+    kernels = oriented_gaussian(right, down, along.clamp_min(MIN_SIGMA), across.clamp_min(MIN_SIGMA), angle)
     return kernels / kernels.sum(dim=(-2, -1), keepdim=True)
 
 

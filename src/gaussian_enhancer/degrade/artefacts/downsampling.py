@@ -4,20 +4,17 @@ Axes: b batch, h height, w width, n length of an axis, m positions, t taps (four
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
 from gaussian_enhancer.degrade.artefacts.rng import uniform, whole_numbers
-from gaussian_enhancer.degrade.artefacts.view import View, per_sample
+from gaussian_enhancer.degrade.artefacts.view import View, fade_in
 
 KINDS = ("nearest", "bilinear", "bicubic")
 LARGEST = 3.0
 """Downsampling factor at strength 1."""
-
-ONSET = 0.1
 
 
 def taps(
@@ -104,5 +101,4 @@ def downsampling(view: View, strength: Float[Tensor, " b"], generators: Sequence
         for axis, length in enumerate(image.shape[-2:])
     )
     coarse = (rows @ image @ columns.mT).clamp(0, 1)
-    fade = per_sample((strength / ONSET).clamp(max=1))
-    return replace(view, image=image + fade * (coarse - image))
+    return fade_in(view, coarse, strength)

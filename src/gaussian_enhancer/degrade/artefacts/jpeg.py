@@ -4,19 +4,16 @@ Axes: b batch.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import torch
 from jaxtyping import Float
 from kornia.enhance import jpeg_codec_differentiable
 from torch import Tensor
 
-from gaussian_enhancer.degrade.artefacts.view import View, per_sample
+from gaussian_enhancer.degrade.artefacts.view import View, fade_in
 
 BEST, WORST = 95.0, 20.0
 """JPEG quality near strength 0, and at strength 1."""
-
-ONSET = 0.1
 
 
 def jpeg(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.Generator]) -> View:
@@ -31,5 +28,4 @@ def jpeg(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.G
         generators: not used.
     """
     coded = jpeg_codec_differentiable(view.image, BEST + (WORST - BEST) * strength).clamp(0, 1)
-    fade = per_sample((strength / ONSET).clamp(max=1))
-    return replace(view, image=view.image + fade * (coded - view.image))
+    return fade_in(view, coded, strength)

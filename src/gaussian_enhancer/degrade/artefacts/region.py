@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from gaussian_enhancer.degrade.artefacts.fields import oriented_gaussian
 from gaussian_enhancer.degrade.artefacts.rng import uniform
 from gaussian_enhancer.degrade.artefacts.view import View
 
@@ -33,10 +34,8 @@ def soft_region(
     y = (torch.arange(height, device=like.device, dtype=like.dtype) + 0.5)[:, None]
     x = (torch.arange(width, device=like.device, dtype=like.dtype) + 0.5)[None, :]
     right, down = x - centre_x * width, y - centre_y * height
-    cosine, sine = torch.cos(math.pi * angle), torch.sin(math.pi * angle)
-    along_offset = (cosine * right + sine * down) / (side * (0.1 + 0.4 * along))
-    across_offset = (cosine * down - sine * right) / (side * (0.1 + 0.4 * across))
-    bumps = torch.exp(-0.5 * (along_offset.square() + across_offset.square()))
+    deviations = side * (0.1 + 0.4 * along), side * (0.1 + 0.4 * across)
+    bumps = oriented_gaussian(right, down, *deviations, math.pi * angle)
     return 1 - (1 - bumps).prod(dim=1, keepdim=True)
 
 

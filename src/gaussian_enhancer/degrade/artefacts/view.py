@@ -4,7 +4,7 @@ Axes: b batch, h height, w width.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import torch
@@ -13,6 +13,9 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import Movable
+
+ONSET = 0.1
+"""Strength up to which `fade_in` fades a change in."""
 
 
 @dataclass(frozen=True)
@@ -87,3 +90,15 @@ class Artefact(Protocol):
 def per_sample(strength: Float[Tensor, " b"]) -> Float[Tensor, "b 1 1 1"]:
     """Reshape strengths for broadcasting with images."""
     return strength[:, None, None, None]
+
+
+def fade_in(view: View, image: Float[Tensor, "b 3 h w"], strength: Float[Tensor, " b"]) -> View:
+    """Change the image to a degraded one: in proportion to the strength up to 0.1 (`ONSET`), and fully from there on.
+
+    Args:
+        view: views to degrade; depth and opacity stay unchanged.
+        image: the degraded image.
+        strength: strength for each sample, [0, 1].
+    """
+    fade = per_sample((strength / ONSET).clamp(max=1))
+    return replace(view, image=view.image + fade * (image - view.image))
