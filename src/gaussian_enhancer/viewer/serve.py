@@ -76,11 +76,9 @@ def _aim(server: Any, session: Session) -> None:
     server.scene.set_up_direction(tuple(upward(session.cameras)))
     initial_camera = server.initial_camera
     initial_camera.position, initial_camera.fov = page_camera.position, page_camera.fov
-    initial_camera.look_at = tuple((camera.centre + distance(session, page_camera) * camera.forward).tolist())
-    initial_camera.near, initial_camera.far = (
-        1e-4 * distance(session, page_camera),
-        1e4 * distance(session, page_camera),
-    )
+    orbit_radius = distance(session, page_camera)
+    initial_camera.look_at = tuple((camera.centre + orbit_radius * camera.forward).tolist())
+    initial_camera.near, initial_camera.far = 1e-4 * orbit_radius, 1e4 * orbit_radius
 
 
 def distance(session: Session, camera: PageCamera) -> float:
