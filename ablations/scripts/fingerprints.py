@@ -1,10 +1,10 @@
 """``gaussian-enhancer fingerprints``: ratio of errors of held-out to training views, for the gate.
 
 For every run and snapshot, the job measures the fingerprints of the training views and of the held-out views.
-`gaussian_enhancer.degrade.gates.adaptive.HELD_OUT_GROWTH` is the line fitted to both in the logarithms. ``gates=FOLDER`` also
-calibrates a gate on the held-out views of each snapshot and writes it to the folder; the training of the second stage
-uses these gates as its stage 1 (``gate=adaptive 'gate.file=FOLDER/*.json'``). Runs must be training runs
-(docs/data.md).
+`gaussian_enhancer.degrade.gates.adaptive.HELD_OUT_GROWTH` is the line fitted to both in the logarithms.
+``gates=FOLDER`` also calibrates a gate on the held-out views of each snapshot and writes it to the folder; the training
+of the second stage uses these gates as its stage 1 (``gate=adaptive 'gate.file=FOLDER/*.json'``). Runs must be training
+runs (docs/data.md).
 """
 
 import math

@@ -1,4 +1,5 @@
 import json
+import warnings
 
 import numpy as np
 import pytest
@@ -88,6 +89,16 @@ def test_unusable_values_are_named(tmp_path, change, message):
     (tmp_path / "reconstruction.json").write_text(json.dumps(content))
     with pytest.raises(InputError, match=message):
         load_opensfm(tmp_path)
+
+
+def test_points_beyond_single_precision_are_refused_without_a_warning(tmp_path):
+    content = write_opensfm(tmp_path)
+    content[0]["points"]["7"]["coordinates"][0] = 1e300
+    (tmp_path / "reconstruction.json").write_text(json.dumps(content))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(InputError, match="1 of 1 points that are not finite or too far away"):
+            load_opensfm(tmp_path)
 
 
 def test_drop(tmp_path):

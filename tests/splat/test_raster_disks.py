@@ -190,3 +190,12 @@ def test_an_opaque_stack_stops_like_the_oracle() -> None:
     assert disagreeing(got.colour, wanted.colour, 1e-3) < 5e-3
     for name, a, b in zip(LEARNT, gradients, wanted_gradients, strict=True):
         assert worst(a, b) < 2e-2, name
+
+
+def test_a_render_without_backward_leaves_no_screen_gradient_of_the_render_before() -> None:
+    splat, eye, screen = scene(5, 3, -1.5), camera(), ScreenStatistics()
+    leaves = {name: getattr(splat, name).clone().requires_grad_() for name in LEARNT}
+    render_disks(Gaussians(**leaves), eye, BACKGROUND, screen=screen).colour.sum().backward()
+    assert screen.gradient is not None
+    render_disks(Gaussians(**leaves), eye, BACKGROUND, screen=screen)
+    assert screen.gradient is None

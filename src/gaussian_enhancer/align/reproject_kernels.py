@@ -119,7 +119,7 @@ def _four_samples(position, count):
 @kernel
 @no_type_check
 def sample_bicubic(image, columns, rows, across, down, where, result):
-    """As `sample_bilinear`, by cubic convolution clamped to [0, 1]; samples outside the image take the border's values."""
+    """As `sample_bilinear`, by cubic convolution clamped to [0, 1]; outside the image, the border's values are used."""
     channels, high, wide = image.shape
     for y in prange(where.shape[0]):
         for x in range(where.shape[1]):

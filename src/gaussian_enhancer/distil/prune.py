@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from pydantic import Field
 from torch import Tensor
 
+from gaussian_enhancer.distil.settings import Share
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer
 from gaussian_enhancer.scene.scene import Photo
@@ -19,7 +20,6 @@ from gaussian_enhancer.splat.render import render
 from gaussian_enhancer.typed import check_fields
 from gaussian_enhancer.types import Camera
 
-Share = Annotated[int | float, Field(ge=0, le=1)]
 PROBES = 4
 """Number of backward passes with random signs per view."""
 SHARES = tuple(0.5**halvings for halvings in range(8))

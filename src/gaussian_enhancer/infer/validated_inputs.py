@@ -114,8 +114,8 @@ def depth_mismatch_reason(pool: ReferencePool, reference_config: ReferenceConfig
     """Reason why depth does not fit the renders; empty where it does, or where that cannot be judged.
 
     The renders of the two nearest references are warped to each view on a coarse grid: through the depth, through the
-    depth times each of `DEPTH_FACTORS`, and through a plane at its median. Where one of the others agrees clearly better with
-    the render in every view, the depth has another scale, or is another quantity such as inverse depth.
+    depth times each of `DEPTH_FACTORS`, and through a plane at its median. Where one of the others agrees clearly
+    better with the render in every view, the depth has another scale, or is another quantity such as inverse depth.
 
     Args:
         pool: the references.

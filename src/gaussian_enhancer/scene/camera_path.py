@@ -126,8 +126,8 @@ def refuse_outside(path: Sequence[Camera], cameras: Sequence[Camera], subject: o
         subject: name of the path, for the error.
 
     Raises:
-        InputError: the distance from a path camera to the nearest of the capture's cameras exceeds `MAX_DISTANCE` times the
-            capture's width.
+        InputError: the distance from a path camera to the nearest of the capture's cameras exceeds `MAX_DISTANCE` times
+            the capture's width.
     """
     photo_centres = _centres(cameras)
     width = 2 * float(np.linalg.norm(photo_centres - photo_centres.mean(0), axis=1).max())

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.input_files import abbreviate, read_bytes, read_text, reader
@@ -180,13 +179,7 @@ def _binary_points(file: Path) -> Points | None:
         return None
     rows = np.frombuffer(data, np.uint8)[np.asarray(record_offsets)[:, None] + np.arange(_POINT.itemsize)]
     points = rows.view(_POINT)[:, 0]
-    return _points(points["xyz"], points["rgb"])
-
-
-def _points(positions: np.ndarray, colours: np.ndarray) -> Points:
-    with np.errstate(over="ignore"):  # overflow gives infinity, which `build_scene` refuses
-        positions_float32 = positions.astype(np.float32)
-    return Points(torch.from_numpy(positions_float32), torch.from_numpy(colours.astype(np.float32) / np.float32(255)))
+    return Points.of_arrays(points["xyz"], points["rgb"])
 
 
 def _lines(file: Path) -> Iterator[tuple[int, str]]:
@@ -245,4 +238,4 @@ def _text_points(file: Path) -> Points | None:
             raise _malformed(file, line_number, line) from error
     if not positions:
         return None
-    return _points(np.array(positions).reshape(-1, 3), np.array(colours).reshape(-1, 3))
+    return Points.of_arrays(np.array(positions).reshape(-1, 3), np.array(colours).reshape(-1, 3))

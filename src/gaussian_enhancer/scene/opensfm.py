@@ -157,8 +157,8 @@ def _points(content: Any, source: Path) -> Points | None:
     if not points:
         return None
     try:
-        positions = np.array([point["coordinates"] for point in points.values()], dtype=np.float32).reshape(-1, 3)
-        colours = np.array([point["color"] for point in points.values()], dtype=np.float32).reshape(-1, 3)
+        positions = np.array([point["coordinates"] for point in points.values()], dtype=np.float64).reshape(-1, 3)
+        colours = np.array([point["color"] for point in points.values()], dtype=np.float64).reshape(-1, 3)
     except (TypeError, KeyError, ValueError, OverflowError) as error:
         raise InputError(source, f"has malformed points ({error})", "export the reconstruction again") from error
-    return Points(torch.from_numpy(positions), torch.from_numpy(colours / np.float32(255)))
+    return Points.of_arrays(positions, colours)

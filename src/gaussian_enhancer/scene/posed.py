@@ -180,11 +180,17 @@ def lens_at_size(lens: Lens, height: int, width: int, path: Path) -> Lens:
     """
     if (lens.height, lens.width) == (height, width):
         return lens
-    scale = min(width / lens.width, height / lens.height)
-    if abs(width - lens.width * scale) > 1 or abs(height - lens.height * scale) > 1:
+    if not evenly_resized((height, width), (lens.height, lens.width)):
         received = f"is {width}x{height} but its camera is {lens.width}x{lens.height} ({lens.source})"
         raise InputError(path, received, "use the photos that were calibrated, whole or evenly resized")
     return lens.resized(height, width)
+
+
+def evenly_resized(size: tuple[int, int], calibrated: tuple[int, int]) -> bool:
+    """Whether two sizes (height, width) have the same aspect ratio, up to the rounding of whole pixels."""
+    (height, width), (calibrated_height, calibrated_width) = size, calibrated
+    scale = min(width / calibrated_width, height / calibrated_height)
+    return abs(width - calibrated_width * scale) <= 1 and abs(height - calibrated_height * scale) <= 1
 
 
 def _split_of_sides(sides: Sequence[str | None]) -> tuple[tuple[int, ...], tuple[int, ...]] | None:

@@ -23,7 +23,7 @@ from gaussian_enhancer.scene.cameras import (
 from gaussian_enhancer.scene.depth_files import ReadDepth, depth_size, find_depth
 from gaussian_enhancer.scene.high_resolution import UPSCALE, is_finer, original_size
 from gaussian_enhancer.scene.photos import list_images, read_header
-from gaussian_enhancer.scene.posed import ReadCoverage, ReadPhoto
+from gaussian_enhancer.scene.posed import ReadCoverage, ReadPhoto, evenly_resized
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.scene import Scene
 from gaussian_enhancer.types import Camera
@@ -356,8 +356,7 @@ def _same_size(render: Path, size: tuple[int, int], other: Path, found: tuple[in
 
 def _sized(camera: Camera, size: tuple[int, int], image: Path) -> Camera:
     height, width = size
-    scale = min(width / camera.width, height / camera.height)
-    if abs(width - camera.width * scale) > 1 or abs(height - camera.height * scale) > 1:
+    if not evenly_resized(size, (camera.height, camera.width)):
         received = f"is {width}x{height} but its camera is {camera.width}x{camera.height}"
         raise InputError(image, received, "use the camera that it was rendered with")
     return camera.resized(height, width)

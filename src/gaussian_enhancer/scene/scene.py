@@ -7,7 +7,9 @@ import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from jaxtyping import Float
+import numpy as np
+import torch
+from jaxtyping import Float, Real
 from torch import Tensor
 
 from gaussian_enhancer.types import Camera
@@ -24,6 +26,16 @@ class Points:
 
     positions: Float[Tensor, "p 3"]
     colours: Float[Tensor, "p 3"]
+
+    @staticmethod
+    def of_arrays(positions: Real[np.ndarray, "p 3"], colours: Real[np.ndarray, "p 3"]) -> "Points":
+        """Points from arrays of any precision, with colours from 0 to 255.
+
+        Values beyond single precision become infinite; `scene.posed.build_scene` refuses them.
+        """
+        with np.errstate(over="ignore"):
+            positions, colours = positions.astype(np.float32), colours.astype(np.float32)
+        return Points(torch.from_numpy(positions), torch.from_numpy(colours / np.float32(255)))
 
 
 @dataclass(frozen=True)

@@ -269,7 +269,5 @@ def _ply_points(root: Path, content: dict[str, Any]) -> Points | None:
     properties = ("x", "y", "z", "red", "green", "blue")
     if vertex is None or not set(properties) <= set(vertex.dtype.names or ()):
         raise InputError(path, f"is no intact point cloud: it lacks one of {', '.join(properties)}", "write it again")
-    with np.errstate(over="ignore"):  # overflow gives infinity, which `build_scene` refuses
-        positions = np.stack([vertex[name] for name in properties[:3]], 1).astype(np.float32)
-        colours = np.stack([vertex[name] for name in properties[3:]], 1).astype(np.float32)
-    return Points(torch.from_numpy(positions), torch.from_numpy(colours / np.float32(255)))
+    positions, colours = (np.stack([vertex[name] for name in part], 1) for part in (properties[:3], properties[3:]))
+    return Points.of_arrays(positions, colours)

@@ -53,6 +53,19 @@ class MipSplatting:
 Method = ThreeDGS | TwoDGS | MipSplatting
 
 
+def check_axes(gaussians: Gaussians, method: Method) -> None:
+    """Refuse ellipsoids for a method that draws disks, and disks for one that draws ellipsoids.
+
+    Raises:
+        InputError: the number of scale axes does not match the method.
+    """
+    required_axes = 2 if isinstance(method, TwoDGS) else 3
+    scale_axes = gaussians.log_scales.shape[1]
+    if scale_axes != required_axes:
+        remedy = f"use one with {required_axes}, or another method"
+        raise InputError(f"splat for method {method.name}", f"has {scale_axes} scale axes", remedy)
+
+
 def choose_method(name: str, gaussians: Gaussians) -> Method:
     """Return the rendering method with a given name.
 

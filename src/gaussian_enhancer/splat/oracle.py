@@ -15,8 +15,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
-from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.splat.methods import Method, MipSplatting, ThreeDGS, TwoDGS
+from gaussian_enhancer.splat.methods import Method, MipSplatting, ThreeDGS, TwoDGS, check_axes
 from gaussian_enhancer.types import Camera, Gaussians, Render
 
 ALPHA_MIN = 1 / 255
@@ -27,7 +26,7 @@ CLAMP_MARGIN = 0.3
 DISK_LOW_PASS = 2.0
 CHUNK_ELEMENTS = 2**21
 
-SH_0 = 0.28209479177387814
+SH_0 = 0.28209479177387814  # Y_0^0 = 1 / (2 sqrt(pi))
 SH_1 = 0.4886025119029199
 SH_2 = (1.0925484305920792, -1.0925484305920792, 0.31539156525252005, -1.0925484305920792, 0.5462742152960396)
 SH_3 = (
@@ -99,10 +98,7 @@ def render_oracle(
 
 def project(gaussians: Gaussians, camera: Camera, method: Method, near: float) -> Layers:
     """Cull Gaussians, sort them by z and convert their parameters to footprints, opacities and colours."""
-    axes = 2 if isinstance(method, TwoDGS) else 3
-    if gaussians.log_scales.shape[1] != axes:
-        received = f"has {gaussians.log_scales.shape[1]} scale axes"
-        raise InputError(f"splat for method {method.name}", received, f"use one with {axes}, or another method")
+    check_axes(gaussians, method)
     z = (gaussians.means @ camera.rotation.T + camera.world_to_camera[:3, 3])[:, 2]
     order = torch.argsort(z.detach(), stable=True)
     visible_gaussians = gaussians[order[(z.detach()[order] > near) & _is_finite(gaussians)[order]]]

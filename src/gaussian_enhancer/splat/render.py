@@ -14,7 +14,7 @@ from torch.autograd.function import once_differentiable
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.io.validity import hide_unrenderable
-from gaussian_enhancer.splat.methods import Method, MipSplatting, ThreeDGS, TwoDGS
+from gaussian_enhancer.splat.methods import Method, MipSplatting, ThreeDGS, TwoDGS, check_axes
 from gaussian_enhancer.splat.screen import ScreenStatistics, numpy_view
 from gaussian_enhancer.types import Camera, Gaussians, Render
 
@@ -87,14 +87,7 @@ def _check_gradient_range(name: str, dtype: str, largest: float, gradient: Tenso
 
 
 def _check(gaussians: Gaussians, camera: Camera, method: Method, near: float, screen: ScreenStatistics | None) -> None:
-    required_axes = 2 if isinstance(method, TwoDGS) else 3
-    scale_axes = gaussians.log_scales.shape[1]
-    if scale_axes != required_axes:
-        raise InputError(
-            f"splat for method {method.name}",
-            f"has {scale_axes} scale axes",
-            f"use one with {required_axes}, or another method",
-        )
+    check_axes(gaussians, method)
     if gaussians.sh.shape[1] not in (1, 4, 9, 16):
         received = f"has {gaussians.sh.shape[1]} spherical-harmonics coefficients"
         raise InputError("splat", received, "use 1, 4, 9 or 16 (degrees 0 to 3)")

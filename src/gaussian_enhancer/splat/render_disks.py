@@ -74,6 +74,7 @@ class _Disks(torch.autograd.Function):
         image = raster_disks.blend_disks(splats, lists, background_colour, camera.height, camera.width)
         if screen is not None:
             screen.visible = torch.from_numpy(visible)
+            screen.gradient = None
         ctx.saved = shape, numpy_view(sh), view, visible, splats, lists, image, screen
         median = torch.from_numpy(image.median_depth)
         ctx.mark_non_differentiable(median)

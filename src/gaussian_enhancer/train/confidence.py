@@ -154,8 +154,8 @@ def train_confidence(
     lose much of its quality and add hardly any squared error; the loss in dB covers this case.
 
     Args:
-        fits: for each fit, the blocks of its views (`measure_views`). Fits have equal weight, and so have the views of a
-            fit.
+        fits: for each fit, the blocks of its views (`measure_views`). Fits have equal weight, and so have the views of
+            a fit.
         hidden: width of the hidden layers.
         steps: steps of the optimiser.
         harm: extra weight of added error: error added to a block counts 1 + ``harm`` times, error removed once.

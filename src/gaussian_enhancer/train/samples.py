@@ -1,9 +1,9 @@
 """Prepared training samples on disk, whose references are warped once, at full size.
 
 A sample is one `.npy` file of 8-bit planes (p h w): render 3, photo 3, alpha 1, inverse depth 2 (16 bits, high byte
-first; 65535 stands for `MAX_INVERSE_DEPTH`), then for each reference colour 3, visibility 1 and the splat's own render of its
-view 3, warped alike. The file is memory-mapped, so that a crop reads only its own rows. Warping commutes with cropping
-and flipping, so that augmentation can work on the warped planes.
+first; 65535 stands for `MAX_INVERSE_DEPTH`), then for each reference colour 3, visibility 1 and the splat's own render
+of its view 3, warped alike. The file is memory-mapped, so that a crop reads only its own rows. Warping commutes with
+cropping and flipping, so that augmentation can work on the warped planes.
 A training view is prepared for simulation only. It has its photo in place of its render, which was fitted to the photo.
 For super-resolution a second `.npy` holds planes 4 times as fine: photo 3, then 3 for each reference.
 Axes: p planes, h height, w width, r references, H = 4 h, W = 4 w.

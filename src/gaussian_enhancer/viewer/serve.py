@@ -76,11 +76,9 @@ def _set_initial_camera(server: Any, session: Session) -> None:
     server.scene.set_up_direction(tuple(upward(session.cameras)))
     initial_camera = server.initial_camera
     initial_camera.position, initial_camera.fov = page_camera.position, page_camera.fov
-    initial_camera.look_at = tuple((camera.centre + focus_distance(session, page_camera) * camera.forward).tolist())
-    initial_camera.near, initial_camera.far = (
-        1e-4 * focus_distance(session, page_camera),
-        1e4 * focus_distance(session, page_camera),
-    )
+    orbit_radius = focus_distance(session, page_camera)
+    initial_camera.look_at = tuple((camera.centre + orbit_radius * camera.forward).tolist())
+    initial_camera.near, initial_camera.far = 1e-4 * orbit_radius, 1e4 * orbit_radius
 
 
 def focus_distance(session: Session, camera: PageCamera) -> float:

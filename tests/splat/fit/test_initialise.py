@@ -8,7 +8,8 @@ import torch
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.scene import Points
 from gaussian_enhancer.splat.fit.geometry import focus_distance
-from gaussian_enhancer.splat.fit.initialise import SH_C0, gaussians_from_points, neighbour_distances, random_points
+from gaussian_enhancer.splat.fit.initialise import gaussians_from_points, neighbour_distances, random_points
+from gaussian_enhancer.splat.oracle import SH_0
 from gaussian_enhancer.types import identity_camera
 
 
@@ -44,7 +45,7 @@ def test_coinciding_points_have_finite_scales():
 def test_colours_survive_the_spherical_harmonics():
     colours = torch.rand(7, 3, generator=torch.Generator().manual_seed(0))
     gaussians = gaussians_from_points(Points(torch.randn(7, 3), colours), sh_degree=2, opacity=0.2)
-    torch.testing.assert_close(gaussians.sh[:, 0] * SH_C0 + 0.5, colours)
+    torch.testing.assert_close(gaussians.sh[:, 0] * SH_0 + 0.5, colours)
     assert gaussians.sh.shape == (7, 9, 3)
     torch.testing.assert_close(gaussians.opacity_logits.sigmoid(), torch.full((7,), 0.2))
 

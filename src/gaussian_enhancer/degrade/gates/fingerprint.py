@@ -176,8 +176,8 @@ def smooth(image: Float[Tensor, "1 c h w"], sigma: float) -> Float[Tensor, "1 c 
 def project_onto_photo(detail: Float[Tensor, "1 3 h w"], own: Float[Tensor, "1 3 h w"]) -> Float[Tensor, "1 3 h w"]:
     """The part of an error's detail that is locally proportional to the photo's detail.
 
-    <r, p> / <p, p> p, with inner products over channels and a Gaussian window of 6 times `DETAIL_SIGMA`. The window is wide
-    enough for the chance correlation of noise to be small.
+    <r, p> / <p, p> p, with inner products over channels and a Gaussian window of 6 times `DETAIL_SIGMA`. The window is
+    wide enough for the chance correlation of noise to be small.
 
     Args:
         detail: the error's detail r.

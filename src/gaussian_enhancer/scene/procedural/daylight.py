@@ -1,9 +1,11 @@
 """Outdoor lighting at random times of day: sky, sun, haze and exposure."""
 
 import numpy as np
+from jaxtyping import Float
 
-from gaussian_enhancer.scene.procedural.draft import Draft, LightSpec, SkySpec, Vector
+from gaussian_enhancer.scene.procedural.draft import Draft, LightSpec, SkySpec
 from gaussian_enhancer.scene.procedural.textures import clouds
+from gaussian_enhancer.scene.procedural.vector import Vector
 
 _SKIES: tuple[tuple[Vector, Vector, Vector, float], ...] = (
     # zenith, horizon, sun colour, elevation in degrees
@@ -14,18 +16,17 @@ _SKIES: tuple[tuple[Vector, Vector, Vector, float], ...] = (
 )
 
 
+def towards(elevation: float, azimuth: float) -> Float[np.ndarray, " 3"]:
+    """Unit vector towards an elevation above the horizon in degrees and an azimuth from +x in radians."""
+    angle = np.deg2rad(elevation)
+    return np.array([np.cos(angle) * np.cos(azimuth), np.cos(angle) * np.sin(azimuth), np.sin(angle)])
+
+
 def daylight(draft: Draft, radius: float) -> None:
     """Add a cloudy sky and a sun to a draft; the sun's shadow map covers `radius` metres about the origin."""
     rng = draft.rng
     zenith, horizon, sun_colour, elevation = _SKIES[int(rng.integers(len(_SKIES)))]
-    elevation_radians, azimuth = np.deg2rad(elevation + rng.uniform(-7, 7)), rng.uniform(0, 2 * np.pi)
-    sun_direction = np.array(
-        [
-            np.cos(elevation_radians) * np.cos(azimuth),
-            np.cos(elevation_radians) * np.sin(azimuth),
-            np.sin(elevation_radians),
-        ]
-    )
+    sun_direction = towards(elevation + rng.uniform(-7, 7), rng.uniform(0, 2 * np.pi))
     ground = tuple(0.28 * np.array(horizon) + 0.10 * np.array(sun_colour) * np.array([1.0, 0.95, 0.85]))
     cloud_texture = draft.texture(clouds(rng))
     draft.sky = SkySpec(zenith, horizon, ground, cloud_texture, tuple(sun_direction))

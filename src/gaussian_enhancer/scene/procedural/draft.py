@@ -11,9 +11,8 @@ from jaxtyping import Float
 
 from gaussian_enhancer.scene.procedural.atlas import Texture
 from gaussian_enhancer.scene.procedural.mesh import MeshBuilder, SurfacePart
+from gaussian_enhancer.scene.procedural.vector import Number, Vector
 
-Number = float | int
-Vector = tuple[Number, Number, Number]
 CameraPath = Callable[[int], tuple[Float[np.ndarray, "c 3"], Float[np.ndarray, "c 3"]]]
 
 

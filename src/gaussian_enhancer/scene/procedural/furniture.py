@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from gaussian_enhancer.scene.procedural import shapes
-from gaussian_enhancer.scene.procedural.draft import Vector
 from gaussian_enhancer.scene.procedural.mesh import SurfacePart, join_parts
 from gaussian_enhancer.scene.procedural.palette import Palette
+from gaussian_enhancer.scene.procedural.vector import Vector
 
 
 def flat_print(
@@ -126,7 +126,7 @@ def books(p: Palette, at: Vector, yaw: float, width: float, height: float = 0.26
             rng.uniform(0.13, 0.19),
         )
         lean = float(rng.uniform(0.0, 0.12)) if rng.random() < 0.15 else 0.0
-        body = shapes.box((thickness, depth, book_height)).transform((x + thickness / 2, depth / 2, 0), tilt=0.0)
+        body = shapes.box((thickness, depth, book_height)).transform((x + thickness / 2, depth / 2, 0))
         body = SurfacePart(
             body.positions + np.outer(body.positions[:, 2], [lean, 0, 0]), body.normals, body.uvs, body.faces
         )

@@ -8,11 +8,14 @@ noise with them.
 import numpy as np
 
 from gaussian_enhancer.scene.procedural import quayside, shapes, vessels
-from gaussian_enhancer.scene.procedural.draft import Draft, LightSpec, SkySpec, Vector
+from gaussian_enhancer.scene.procedural.daylight import towards
+from gaussian_enhancer.scene.procedural.draft import Draft, LightSpec, SkySpec
 from gaussian_enhancer.scene.procedural.harbour_materials import MATERIALS
+from gaussian_enhancer.scene.procedural.noise import wavy
 from gaussian_enhancer.scene.procedural.palette import Palette
 from gaussian_enhancer.scene.procedural.paths import mole
 from gaussian_enhancer.scene.procedural.textures import clouds
+from gaussian_enhancer.scene.procedural.vector import Vector
 
 WATER = -0.75
 _RADIUS = 9.6
@@ -30,14 +33,7 @@ def draft_harbour(seed: int) -> Draft:
     """Make the draft of the world that a seed determines."""
     rng = np.random.default_rng([seed, 2077])
     zenith, horizon, sun_colour, elevation, exposure = _HOURS[int(rng.integers(len(_HOURS)))]
-    elevation_radians, azimuth = np.deg2rad(elevation + rng.uniform(-4, 4)), rng.uniform(np.pi * 1.1, np.pi * 1.9)
-    sun_direction = np.array(
-        [
-            np.cos(elevation_radians) * np.cos(azimuth),
-            np.cos(elevation_radians) * np.sin(azimuth),
-            np.sin(elevation_radians),
-        ]
-    )
+    sun_direction = towards(elevation + rng.uniform(-4, 4), rng.uniform(np.pi * 1.1, np.pi * 1.9))
     black: Vector = (0.0, 0.0, 0.0)
     draft = Draft(
         rng=rng,
@@ -153,11 +149,5 @@ def _far_quay(p: Palette) -> None:
         quayside.pots(p, (u, 14.0, 0.35), 0.0, 3)
     quayside.lighthouse(p, (float(rng.choice([-1, 1])) * rng.uniform(30, 48), 95.0, 2.0), 17.0)
     angle = np.linspace(0.1, np.pi - 0.1, 121)
-    ridge = np.zeros_like(angle)
-    for k in (3, 7, 12, 20, 33, 51):
-        ridge += rng.normal() / k * np.sin(k * angle + rng.uniform(0, 6.3))
-    steps = np.linspace(0, 1, 7)[:, None]
-    r = 190 * (1 + 0.4 * steps)
-    z = np.maximum(26 * (0.7 + 0.6 * ridge), 3)[None] * np.sin(steps * np.pi / 2) - 1.0
-    hills = np.stack(np.broadcast_arrays(r * np.cos(angle), r * np.sin(angle), z), axis=-1)
-    p.draft.add(shapes.sheet(hills, np.stack(np.broadcast_arrays(angle * 190, r + z), -1)), p("wood"), casts=False)
+    crest = np.maximum(26 * (0.7 + 0.6 * wavy(rng, angle, (3, 7, 12, 20, 33, 51))), 3)
+    p.draft.add(shapes.hillside(angle, crest, 190 * (1 + 0.4 * np.linspace(0, 1, 7)), -1.0), p("wood"), casts=False)

@@ -144,4 +144,4 @@ def registration(rng: Random) -> Texture:
     draw.rectangle((10, 10, SIDE - 11, SIDE - 11), outline=fill, width=8)
     worn = step(0.6, 0.8, fractal(rng, 0.7))
     rgb = blend(np.asarray(image, dtype=float) / 255, np.array([0.5, 0.5, 0.48]), 0.5 * worn)
-    return make_texture(add_grain(rng, rgb, 0.06), 0.5 + 0 * worn, 0.5)
+    return make_texture(add_grain(rng, rgb, 0.06), np.full_like(worn, 0.5))

@@ -4,10 +4,11 @@ import numpy as np
 
 from gaussian_enhancer.scene.procedural import furniture, nature, shapes
 from gaussian_enhancer.scene.procedural.daylight import daylight
-from gaussian_enhancer.scene.procedural.draft import Draft, LightSpec, SkySpec, Vector
+from gaussian_enhancer.scene.procedural.draft import Draft, LightSpec, SkySpec
 from gaussian_enhancer.scene.procedural.mesh import join_parts
 from gaussian_enhancer.scene.procedural.palette import Palette
 from gaussian_enhancer.scene.procedural.paths import room
+from gaussian_enhancer.scene.procedural.vector import Vector
 
 
 def draft_indoor(seed: int) -> Draft:
@@ -37,7 +38,7 @@ def draft_indoor(seed: int) -> Draft:
     p = Palette(draft)
     _shell(p, x, y, h)
     _lamp(p, h)
-    _arrange(p, x, y, h)
+    _arrange(p, x, y)
     return draft
 
 
@@ -120,7 +121,7 @@ def _lamp(p: Palette, h: float) -> None:
     p.draft.lights.append(LightSpec((x, y, z), (x, y, 0.0), z * 2.6, colour, local=True, side=1024))
 
 
-def _arrange(p: Palette, x: float, y: float, h: float) -> None:
+def _arrange(p: Palette, x: float, y: float) -> None:
     """Furniture along the walls, and a table in the middle."""
     rng, a, b = p.draft.rng, x / 2, y / 2
     p.draft.add(

@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from gaussian_enhancer.scene.procedural.atlas import Atlas
-from gaussian_enhancer.scene.procedural.draft import LightSpec, SkySpec, Vector
+from gaussian_enhancer.scene.procedural.draft import LightSpec, SkySpec
 from gaussian_enhancer.scene.procedural.mesh import Mesh
 from gaussian_enhancer.scene.procedural.raster import (
     KeepSamples,
@@ -21,7 +21,7 @@ from gaussian_enhancer.scene.procedural.raster import (
     project,
     sample_positions,
 )
-from gaussian_enhancer.scene.procedural.vector import dot, interpolate_corners
+from gaussian_enhancer.scene.procedural.vector import Vector, dot, interpolate_corners
 from gaussian_enhancer.types import Camera
 
 _SH0, _SH1 = 0.28209479, 0.48860251
@@ -81,8 +81,7 @@ class Light:
 
     def _lit_share(self, points: Tensor) -> Tensor:
         """Lit share of a neighbourhood of 3 x 3 texels: percentage-closer filtering, bilinear, of 4 x 4 comparisons."""
-        pose, K = self.camera.world_to_camera.to(points.device).double(), self.camera.K.to(points.device).double()
-        homogeneous = (points.double() @ pose[:3, :3].T + pose[:3, 3]) @ K.T
+        homogeneous = _homogeneous_pixels(points, self.camera)
         z = homogeneous[:, 2].clamp_min(1e-3)
         position = (homogeneous[:, :2] / z[:, None]).float() - 0.5
         depth_bias = 0.004 * self.spec.radius if not self.spec.local else 0.02
@@ -234,9 +233,14 @@ def bake_ambient(
     return Ambient(volume.view(*shape, 12).permute(3, 0, 1, 2)[None].contiguous(), lower, upper)
 
 
-def _visible(points: Tensor, camera: Camera, shadow: Tensor, slack: float) -> Tensor:
+def _homogeneous_pixels(points: Float[Tensor, "m 3"], camera: Camera) -> Float[Tensor, "m 3"]:
+    """Pixel positions times z, and z, in float64."""
     pose, K = camera.world_to_camera.to(points.device).double(), camera.K.to(points.device).double()
-    homogeneous = (points.double() @ pose[:3, :3].T + pose[:3, 3]) @ K.T
+    return (points.double() @ pose[:3, :3].T + pose[:3, 3]) @ K.T
+
+
+def _visible(points: Tensor, camera: Camera, shadow: Tensor, slack: float) -> Tensor:
+    homogeneous = _homogeneous_pixels(points, camera)
     z = homogeneous[:, 2]
     x, y = (homogeneous[:, :2] / z[:, None]).long().unbind(1)
     map_inverse_depth = shadow[y.clamp(0, camera.height - 1), x.clamp(0, camera.width - 1)]

@@ -11,9 +11,8 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from gaussian_enhancer.scene.procedural.vector import Vector
 from gaussian_enhancer.types import Movable
-
-Vector = tuple[float | int, float | int, float | int]
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,10 @@ Each function adds one object, or one group of objects, to a draft. Lengths are 
 import numpy as np
 
 from gaussian_enhancer.scene.procedural import shapes
-from gaussian_enhancer.scene.procedural.draft import Vector
 from gaussian_enhancer.scene.procedural.mesh import join_parts
+from gaussian_enhancer.scene.procedural.noise import wavy
 from gaussian_enhancer.scene.procedural.palette import Palette
+from gaussian_enhancer.scene.procedural.vector import Vector
 
 
 def tree(p: Palette, at: Vector, height: float, cards: int, kind: str = "") -> None:
@@ -73,18 +74,10 @@ def grass(p: Palette, count: int, inner: float, outer: float, height: float) -> 
 
 def hills(p: Palette, distance: float, height: float, material: str) -> None:
     """Closed ring of hills about the origin, from `distance` to 1.5 times that."""
-    rng = p.draft.rng
     angle = np.linspace(0, 2 * np.pi, 181)
-    ridge = np.zeros_like(angle)
-    for k in (2, 3, 5, 8, 13, 21, 34):
-        ridge += rng.normal() / k * np.sin(k * angle + rng.uniform(0, 6.3))
-    ridge = height * (0.75 + 0.5 * ridge)
-    steps = np.linspace(0, 1, 9)[:, None]
-    r = distance * (1 + 0.5 * steps)
-    z = np.maximum(ridge, 0.15 * height)[None] * np.sin(steps * np.pi / 2) - 2.0
-    positions = np.stack(np.broadcast_arrays(r * np.cos(angle), r * np.sin(angle), z), axis=-1)
-    uvs = np.stack(np.broadcast_arrays(angle[None] * distance, r + z), axis=-1)
-    p.draft.add(shapes.sheet(positions, uvs), p(material), casts=False)
+    crest = np.maximum(height * (0.75 + 0.5 * wavy(p.draft.rng, angle, (2, 3, 5, 8, 13, 21, 34))), 0.15 * height)
+    part = shapes.hillside(angle, crest, distance * (1 + 0.5 * np.linspace(0, 1, 9)), -2.0)
+    p.draft.add(part, p(material), casts=False)
 
 
 def house(p: Palette, at: Vector, yaw: float, size: Vector, wall: str) -> None:

@@ -1,6 +1,6 @@
 """Seamless noise and random colours, from which textures are composed.
 
-Axes: t texture side, g cells along a side.
+Axes: t texture side, g cells along a side, k angles.
 """
 
 import colorsys
@@ -58,6 +58,16 @@ def worley_noise(
             nearest = np.where(closer, distance, nearest)
             value = np.where(closer, values[gv, gu], value)
     return nearest, second_nearest - nearest, value
+
+
+def wavy(
+    rng: np.random.Generator, angle: Float[np.ndarray, " k"], frequencies: tuple[int, ...]
+) -> Float[np.ndarray, " k"]:
+    """Sum of sine waves round a circle, with random phases and with amplitudes that fall as 1/frequency."""
+    result = np.zeros_like(angle)
+    for k in frequencies:
+        result += rng.normal() / k * np.sin(k * angle + rng.uniform(0, 6.3))
+    return result
 
 
 def step(edge0: float, edge1: float, x: Float[np.ndarray, "*t"]) -> Float[np.ndarray, "*t"]:

@@ -5,10 +5,11 @@ from jaxtyping import Float
 
 from gaussian_enhancer.scene.procedural import furniture, nature, shapes
 from gaussian_enhancer.scene.procedural.daylight import daylight
-from gaussian_enhancer.scene.procedural.draft import Draft, SkySpec, Vector
+from gaussian_enhancer.scene.procedural.draft import Draft, SkySpec
 from gaussian_enhancer.scene.procedural.mesh import SurfacePart, join_parts
 from gaussian_enhancer.scene.procedural.palette import Palette
 from gaussian_enhancer.scene.procedural.paths import walk
+from gaussian_enhancer.scene.procedural.vector import Vector
 
 _WALL = 5.0  # y of the facades; the street's middle is at y = 0
 
@@ -246,10 +247,8 @@ def vehicle(p: Palette, at: Vector, yaw: float) -> None:
 
 def _cap(ring: Float[np.ndarray, "k 3"]) -> SurfacePart:
     """Flat side of a loft: a triangle fan about the centroid of its outline."""
-    positions = np.concatenate([ring.mean(0)[None], ring])
+    positions, faces = shapes.fan(ring)
     normals = np.tile([0.0, np.sign(ring[0, 1]), 0.0], (len(positions), 1))
-    index = np.arange(1, len(ring))
-    faces = np.stack([np.zeros_like(index), index, index + 1], axis=1)
     return SurfacePart(positions, normals, positions[:, [0, 2]] * [1.0, -1.0], faces)
 
 

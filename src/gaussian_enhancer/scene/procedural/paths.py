@@ -6,7 +6,8 @@ Axes: c cameras.
 import numpy as np
 from jaxtyping import Float
 
-from gaussian_enhancer.scene.procedural.draft import CameraPath, Vector
+from gaussian_enhancer.scene.procedural.draft import CameraPath
+from gaussian_enhancer.scene.procedural.vector import Vector
 
 CameraPositions = tuple[Float[np.ndarray, "c 3"], Float[np.ndarray, "c 3"]]
 

@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 
 from gaussian_enhancer.scene.procedural import shapes
-from gaussian_enhancer.scene.procedural.draft import Vector
 from gaussian_enhancer.scene.procedural.mesh import join_parts
 from gaussian_enhancer.scene.procedural.palette import Palette
+from gaussian_enhancer.scene.procedural.vector import Vector
 
 
 def curved_mole(p: Palette, radii: tuple[float, float], sweep: tuple[float, float], foot: float) -> None:

@@ -8,11 +8,14 @@ image that is downsampled by a box filter.
 Axes: m samples, h height, w width.
 """
 
+from collections.abc import Iterator
+
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn import functional
 
+from gaussian_enhancer.scene.procedural.atlas import SLOPE_RANGE
 from gaussian_enhancer.scene.procedural.raster import (
     ProjectedFaces,
     SampleGrid,
@@ -36,15 +39,12 @@ def render_photo(
     projected = project(world.mesh.corners, camera)
     pixel = _pixel_angle(camera) / (grid.rows * grid.columns) ** 0.5
     colours, coverages = [], []
-    step = max(1, _BAND // (camera.width * grid.rows * grid.columns)) * grid.rows
-    for first in range(0, camera.height * grid.rows, step):
-        last = min(first + step, camera.height * grid.rows)
-        face, x, y = _visible(world, projected, camera, grid, first, last)
+    sample_shape = (-1, grid.rows, camera.width, grid.columns)
+    for face, x, y in _bands(world, projected, camera, grid):
         linear = _radiance(world, projected, camera, face, x, y, pixel)
         colour = tone_map(linear * world.exposure)
         if world.background is not None:
             colour[face < 0] = colour.new_tensor(world.background)
-        sample_shape = ((last - first) // grid.rows, grid.rows, camera.width, grid.columns)
         colours.append(colour.view(*sample_shape, 3).mean((1, 3)))
         coverages.append((face >= 0).float().view(sample_shape).mean((1, 3)))
     return torch.cat(colours).permute(2, 0, 1).contiguous(), torch.cat(coverages)[None]
@@ -53,24 +53,18 @@ def render_photo(
 def render_depth(world: World, camera: Camera) -> Float[Tensor, "1 h w"]:
     """Render exact z at pixel centres, 0 where nothing is hit."""
     projected = project(world.mesh.corners, camera)
-    rows = max(1, _BAND // camera.width)
     bands = []
-    for first in range(0, camera.height, rows):
-        last = min(first + rows, camera.height)
-        face, x, y = _visible(world, projected, camera, SampleGrid(), first, last)
+    for face, x, y in _bands(world, projected, camera, SampleGrid()):
         _, z = barycentric(projected.edges[face.clamp_min(0)], x, y)
         bands.append(torch.where(face >= 0, z, torch.zeros_like(z)))
     return torch.cat(bands).view(1, camera.height, camera.width)
 
 
 def render_coverage(world: World, camera: Camera, grid: SampleGrid = PHOTO_GRID) -> Float[Tensor, "1 h w"]:
-    """Render the share of each pixel's samples that geometry covers: the alpha with which `render_photo` is composited."""
+    """Render the share of each pixel's samples that geometry covers: the alpha of `render_photo`."""
     projected = project(world.mesh.corners, camera)
-    step = max(1, _BAND // (camera.width * grid.rows * grid.columns)) * grid.rows
     bands = []
-    for first in range(0, camera.height * grid.rows, step):
-        last = min(first + step, camera.height * grid.rows)
-        face, _, _ = _visible(world, projected, camera, grid, first, last)
+    for face, _, _ in _bands(world, projected, camera, grid):
         bands.append((face >= 0).float().view(-1, grid.rows, camera.width, grid.columns).mean((1, 3)))
     return torch.cat(bands)[None]
 
@@ -90,6 +84,15 @@ def tone_map(linear: Float[Tensor, "m 3"]) -> Float[Tensor, "m 3"]:
 
 def _pixel_angle(camera: Camera) -> float:
     return 1.0 / float(camera.K[0, 0])
+
+
+def _bands(
+    world: World, projected: ProjectedFaces, camera: Camera, grid: SampleGrid
+) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
+    """Iterate over bands of whole pixel rows: each sample's visible face (-1 on the sky), x and y."""
+    step = max(1, _BAND // (camera.width * grid.rows * grid.columns)) * grid.rows
+    for first in range(0, camera.height * grid.rows, step):
+        yield _visible(world, projected, camera, grid, first, min(first + step, camera.height * grid.rows))
 
 
 def _visible(
@@ -148,7 +151,7 @@ def _surface(
     footprint = pixel * z * facing.abs().clamp_min(0.08) ** -0.6
     channels, albedo, emission = _material(world, material, uv_metres, footprint)
     reflectance, roughness, relief, _, _, _, translucency = world.materials.looks[material].unbind(1)
-    slopes = (channels[:, 4:6] - 0.5) * 80.0 * (relief[:, None] * world.materials.repeats[material])
+    slopes = (channels[:, 4:6] - 0.5) * (2 * SLOPE_RANGE) * (relief[:, None] * world.materials.repeats[material])
     normals = interpolated_normals - slopes[:, :1] * tangents[:, 0] - slopes[:, 1:] * tangents[:, 1]
     normals = unit(normals)
     gloss = channels[:, 6]

@@ -6,12 +6,10 @@ Axes: k points of a profile or path, n cards or blades, v vertices, f faces. Met
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from gaussian_enhancer.scene.procedural.mesh import SurfacePart, join_parts
-
-Number = float | int
-Vector = tuple[Number, Number, Number]
+from gaussian_enhancer.scene.procedural.vector import Number, Vector
 
 
 def quad(origin: Vector, right: Vector, down: Vector, uv0: tuple[Number, Number] = (0.0, 0.0)) -> SurfacePart:
@@ -75,6 +73,13 @@ def sheet(positions: np.ndarray, uvs: np.ndarray) -> SurfacePart:
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
     faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
     return SurfacePart(positions.reshape(-1, 3), normals.reshape(-1, 3), uvs.reshape(-1, 2), faces)
+
+
+def fan(outline: Float[np.ndarray, "k 3"]) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
+    """Positions and faces of a triangle fan about the centroid of an outline; the centroid is the first position."""
+    index = np.arange(1, len(outline))
+    faces = np.stack([np.zeros_like(index), index, index + 1], axis=1)
+    return np.concatenate([outline.mean(0)[None], outline]), faces
 
 
 def _closed_sheet(positions: np.ndarray, uvs: np.ndarray) -> SurfacePart:
@@ -171,6 +176,19 @@ def terrain(
     """Height field over a grid of x and y; `height` returns z."""
     x, y = np.meshgrid(xs, ys)
     return sheet(np.stack([x, y, height(x, y)], axis=-1), np.stack([x, y], axis=-1))
+
+
+def hillside(
+    angle: Float[np.ndarray, " columns"],
+    crest: Float[np.ndarray, " columns"],
+    radii: Float[np.ndarray, " rows"],
+    base: float,
+) -> SurfacePart:
+    """Slope about the origin, seen from inside, that rises from `base` at the first radius by `crest` at the last."""
+    r, rise = radii[:, None], np.sin(np.linspace(0, 1, len(radii)) * np.pi / 2)[:, None]
+    z = crest[None] * rise + base
+    positions = np.stack(np.broadcast_arrays(r * np.cos(angle), r * np.sin(angle), z), axis=-1)
+    return sheet(positions, np.stack(np.broadcast_arrays(angle[None] * radii[0], r + z), axis=-1))
 
 
 def curtain(width: float, height: float, folds: int, depth: float, columns: int = 96) -> SurfacePart:

@@ -4,9 +4,10 @@ import numpy as np
 
 from gaussian_enhancer.scene.procedural import furniture, nature, shapes
 from gaussian_enhancer.scene.procedural.daylight import daylight
-from gaussian_enhancer.scene.procedural.draft import Draft, SkySpec, Vector
+from gaussian_enhancer.scene.procedural.draft import Draft, SkySpec
 from gaussian_enhancer.scene.procedural.palette import Palette
 from gaussian_enhancer.scene.procedural.paths import orbit
+from gaussian_enhancer.scene.procedural.vector import Vector
 
 
 def draft_unbounded(seed: int) -> Draft:

@@ -1,11 +1,15 @@
-"""Operations on 3-vectors, written out: torch's reductions over an axis of size 3 are ten times slower on the CPU.
+"""3-vectors: the type of literal ones, and operations on tensors of them, written out.
 
+Torch's reductions over an axis of size 3 are ten times slower on the CPU.
 Axes: m samples, c components.
 """
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
+
+Number = float | int
+Vector = tuple[Number, Number, Number]
 
 
 def dot(a: Float[Tensor, "m 3"], b: Float[Tensor, "m 3"]) -> Float[Tensor, " m"]:

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from gaussian_enhancer.scene.procedural import shapes
-from gaussian_enhancer.scene.procedural.draft import Vector
 from gaussian_enhancer.scene.procedural.mesh import SurfacePart, join_parts
 from gaussian_enhancer.scene.procedural.palette import Palette
+from gaussian_enhancer.scene.procedural.vector import Vector
 
 _STATIONS = np.linspace(0, 1, 33)
 
@@ -29,7 +29,7 @@ class Hull:
 
     def __init__(self, length: float, beam: float, freeboard: float, draught: float, fine: float = 2.2) -> None:
         s = _STATIONS
-        self.x = (s - 0.5) * length * (1.0 + 0.0 * s)
+        self.x = (s - 0.5) * length
         stern = 0.72 + 0.28 * np.sin(np.clip(s / 0.45, 0, 1) * np.pi / 2)
         self.half = 0.5 * beam * stern * (1 - np.clip((s - 0.4) / 0.6, 0, 1) ** fine)
         self.sheer = freeboard * (1 + 0.12 * (1 - s) ** 2 + 0.75 * s**3)
@@ -56,9 +56,7 @@ class Hull:
     def transom(self) -> SurfacePart:
         """Flat stern, as a triangle fan."""
         ring = self.skin().positions.reshape(len(_STATIONS), 25, 3)[0]
-        positions = np.concatenate([[ring.mean(0)], ring])
-        index = np.arange(1, len(ring))
-        faces = np.stack([np.zeros_like(index), index, index + 1], axis=1)
+        positions, faces = shapes.fan(ring)
         uvs = np.stack([positions[:, 1], self.sheer[0] - positions[:, 2]], axis=1)
         return SurfacePart(positions, np.tile([-1.0, 0, 0], (len(positions), 1)), uvs, faces)
 
@@ -215,7 +213,7 @@ def trawler(p: Palette, at: Vector, yaw: float, length: float) -> None:
     _gear(p, at, yaw, h, length, deck)
     for k in (5, 11, 17, 22):
         for s in (-1, 1):
-            ring = _ring(np.zeros(3), 0.3)[:, [1, 0, 2]] * [1, 1, 1]
+            ring = _ring(np.zeros(3), 0.3)[:, [1, 0, 2]]
             position = (float(h.x[k]), s * (float(h.half[k]) + 0.06), float(h.sheer[k]) - 0.45)
             _put(p, at, yaw, shapes.tube(ring, 0.1, 8).transform(position), "tyre")
     for s in (-1, 1):

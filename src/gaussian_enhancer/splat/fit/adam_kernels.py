@@ -7,11 +7,12 @@ from jaxtyping import Float32
 from numba import get_num_threads, prange
 
 from gaussian_enhancer.splat.compiled import inner, kernel, kernel_lock
+from gaussian_enhancer.splat.fit.adam import BETAS, EPSILON
 
 _F = np.float32
-_KEEP, _ADD = _F(0.9), _F(1 - 0.9)
-_KEEP_SQUARE, _ADD_SQUARE = _F(0.999), _F(1 - 0.999)
-_EPSILON = _F(1e-15)
+_KEEP, _ADD = _F(BETAS[0]), _F(1 - BETAS[0])
+_KEEP_SQUARE, _ADD_SQUARE = _F(BETAS[1]), _F(1 - BETAS[1])
+_EPSILON = _F(EPSILON)
 
 
 def update(arrays: tuple[Float32[np.ndarray, " n"], ...], rates: Float32[np.ndarray, " c"], root: float) -> None:

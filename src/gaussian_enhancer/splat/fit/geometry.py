@@ -1,12 +1,12 @@
 """Geometry of a scene from its cameras alone: extent, distance, and which views match well.
 
-Axes: none beyond plain vectors; distances are in scene units.
+Axes: p positions, v views. Distances are in scene units.
 """
 
 from collections.abc import Sequence
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from gaussian_enhancer.types import Camera
@@ -50,6 +50,14 @@ def focus_distance(cameras: Sequence[Camera]) -> float:
     nearest = distances.min(1).values
     nearest = nearest[nearest.isfinite() & (nearest > 0)]
     return 5.0 * float(nearest.median()) if len(nearest) else 1.0
+
+
+def seen_from(camera: Camera, positions: Float[Tensor, "p 3"]) -> tuple[Float[Tensor, " p"], Bool[Tensor, " p"]]:
+    """Depth of each position, and whether it projects into the camera's image."""
+    points = positions @ camera.rotation.T + camera.world_to_camera[:3, 3]
+    pixels = points @ camera.K.T
+    x, y = pixels[:, 0] / pixels[:, 2], pixels[:, 1] / pixels[:, 2]
+    return points[:, 2], (pixels[:, 2] > 0) & (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
 
 
 def matching_cost(centres: Float[Tensor, "v 3"], axes: Float[Tensor, "v 3"], distance: float) -> Float[Tensor, "v v"]:

@@ -13,10 +13,9 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.scene import Points
-from gaussian_enhancer.splat.fit.geometry import focus_distance
+from gaussian_enhancer.splat.fit.geometry import focus_distance, seen_from
+from gaussian_enhancer.splat.oracle import SH_0
 from gaussian_enhancer.types import Camera, Gaussians
-
-SH_C0 = 0.28209479177387814
 
 
 def gaussians_from_points(
@@ -52,7 +51,7 @@ def gaussians_from_points(
         deviations = neighbour_distances(points.positions)
     scales = deviations.clamp(min=1e-7).log()[:, None].repeat(1, axes)
     sh = torch.zeros(count, (sh_degree + 1) ** 2, 3)
-    sh[:, 0] = (points.colours - 0.5) / SH_C0
+    sh[:, 0] = (points.colours - 0.5) / SH_0
     quaternions = torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(count, 1) if facing is None else _turn_to(facing)
     logits = torch.full((count,), math.log(opacity / (1 - opacity)))
     return Gaussians(points.positions.clone(), scales, quaternions, logits, sh)
@@ -71,7 +70,7 @@ def random_points(cameras: Sequence[Camera], count: int, generator: torch.Genera
     rounds, accepted_count = 0, 0
     while accepted_count < count:
         points = torch.cat([_in_frustum(c, 1 + count // len(cameras), distance, generator) for c in cameras])
-        visible_counts = torch.stack([_sees_points(camera, points) for camera in cameras]).sum(0)
+        visible_counts = torch.stack([seen_from(camera, points)[1] for camera in cameras]).sum(0)
         # Without overlap of the cameras the loop would never end: after eight rounds every point is accepted.
         accepted.append(points[visible_counts >= 2] if len(cameras) > 1 and rounds < 8 else points)
         rounds, accepted_count = rounds + 1, accepted_count + len(accepted[-1])
@@ -106,13 +105,6 @@ def _in_frustum(camera: Camera, count: int, distance: float, generator: torch.Ge
     inverse_depths = (1 / 3 + torch.rand(count, 1, generator=generator) * (3 - 1 / 3)) / distance
     rays = torch.cat([pixels, torch.ones(count, 1)], 1) @ torch.linalg.inv(camera.K).T
     return (rays / inverse_depths - camera.world_to_camera[:3, 3]) @ camera.rotation
-
-
-def _sees_points(camera: Camera, points: Tensor) -> Tensor:
-    camera_points = points @ camera.rotation.T + camera.world_to_camera[:3, 3]
-    pixels = camera_points @ camera.K.T
-    x, y = pixels[:, 0] / pixels[:, 2], pixels[:, 1] / pixels[:, 2]
-    return (pixels[:, 2] > 0) & (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
 
 
 def _turn_to(normals: Tensor) -> Tensor:

@@ -18,7 +18,7 @@ from torch.nn import functional
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.scene import Points
-from gaussian_enhancer.splat.fit.geometry import focus_distance, matching_cost
+from gaussian_enhancer.splat.fit.geometry import focus_distance, matching_cost, seen_from
 from gaussian_enhancer.typed import check_fields
 from gaussian_enhancer.types import Camera
 
@@ -241,11 +241,8 @@ def _known_depths(known: Points | None, cameras: Sequence[Camera]) -> Tensor | N
 
 
 def _visible_depths(positions: Tensor, camera: Camera) -> Tensor:
-    camera_points = positions @ camera.rotation.T + camera.world_to_camera[:3, 3]
-    pixels = camera_points @ camera.K.T
-    x, y = pixels[:, 0] / pixels[:, 2], pixels[:, 1] / pixels[:, 2]
-    in_image = (pixels[:, 2] > 0) & (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
-    return camera_points[in_image, 2]
+    depths, seen = seen_from(camera, positions)
+    return depths[seen]
 
 
 def _coarse_depths(views: list[_View], distance: float, settings: SweepSettings) -> Tensor:

@@ -12,13 +12,13 @@ Axes: n Gaussians.
 from pathlib import Path
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.io.ply import read_elements
-from gaussian_enhancer.splat.io.quantised import SH_CONSTANT, bit_field, complete_quaternion, opacity_logits
+from gaussian_enhancer.splat.io.quantised import bit_field, complete_quaternion, float_tensor, opacity_logits
 from gaussian_enhancer.splat.io.validity import refuse_or_drop_invalid
+from gaussian_enhancer.splat.oracle import SH_0
 from gaussian_enhancer.types import Gaussians
 
 _CHUNK = 256
@@ -47,15 +47,17 @@ def read_compressed_ply(path: str | Path, *, invalid: str = "refuse") -> Gaussia
     colour = np.stack([bit_field(vertex["packed_color"], shift, 8) for shift in (24, 16, 8)], axis=1)
     if "min_r" in (chunk.dtype.names or ()):
         colour = _within_range(ranges, colour, ("r", "g", "b"))
-    sh = ((colour - 0.5) / SH_CONSTANT)[:, None, :]
+    sh = ((colour - 0.5) / SH_0)[:, None, :]
     if "sh" in elements:
         sh = np.concatenate([sh, _higher_harmonics(elements["sh"])], axis=1)
     gaussians = Gaussians(
-        means=_tensor(_within_range(ranges, _triple(vertex["packed_position"]), ("x", "y", "z"))),
-        log_scales=_tensor(_within_range(ranges, _triple(vertex["packed_scale"]), ("scale_x", "scale_y", "scale_z"))),
-        quaternions=_tensor(_rotations(vertex["packed_rotation"])),
-        opacity_logits=_tensor(opacity_logits((vertex["packed_color"] & np.uint32(255)).astype(np.uint8))),
-        sh=_tensor(sh),
+        means=float_tensor(_within_range(ranges, _triple(vertex["packed_position"]), ("x", "y", "z"))),
+        log_scales=float_tensor(
+            _within_range(ranges, _triple(vertex["packed_scale"]), ("scale_x", "scale_y", "scale_z"))
+        ),
+        quaternions=float_tensor(_rotations(vertex["packed_rotation"])),
+        opacity_logits=float_tensor(opacity_logits((vertex["packed_color"] & np.uint32(255)).astype(np.uint8))),
+        sh=float_tensor(sh),
     )
     return refuse_or_drop_invalid(path, gaussians, invalid)
 
@@ -109,7 +111,3 @@ def _higher_harmonics(sh: np.ndarray) -> Float[np.ndarray, "n k 3"]:
     stored_bytes = np.stack([sh[f"f_rest_{i}"] for i in range(count)], axis=1).astype(np.float64)
     fraction = np.where(stored_bytes == 0, 0.0, np.where(stored_bytes == 255, 1.0, (stored_bytes + 0.5) / 256.0))
     return ((fraction - 0.5) * 8.0).reshape(len(sh), 3, count // 3).transpose(0, 2, 1)
-
-
-def _tensor(values: np.ndarray) -> torch.Tensor:
-    return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))

@@ -4,9 +4,13 @@ Axes: n Gaussians.
 """
 
 import numpy as np
+import torch
 from jaxtyping import Float, Int, UInt, UInt8
 
-SH_CONSTANT = 0.28209479177387814  # Y_0^0 = 1 / (2 sqrt(pi))
+
+def float_tensor(values: np.ndarray) -> torch.Tensor:
+    """A float32 tensor of the values."""
+    return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))
 
 
 def bit_field(packed: UInt[np.ndarray, " n"], shift: int, bits: int) -> Float[np.ndarray, " n"]:

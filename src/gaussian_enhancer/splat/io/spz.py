@@ -20,12 +20,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.input_files import read_bytes, refuse_larger
-from gaussian_enhancer.splat.io.quantised import complete_quaternion, opacity_logits
+from gaussian_enhancer.splat.io.quantised import complete_quaternion, float_tensor, opacity_logits
 from gaussian_enhancer.splat.io.validity import refuse_or_drop_invalid
 from gaussian_enhancer.types import Gaussians
 
@@ -170,11 +169,11 @@ def _decode(header: _Header, streams: list[bytes]) -> Gaussians:
     means = _fixed_point(position.reshape(count, 3, 3)) / float(1 << header.fractional_bits)
     quaternions = _rotations(header.version, rotation.reshape(count, -1))
     file_gaussians = Gaussians(
-        means=_tensor(means),
-        log_scales=_tensor(scale.reshape(count, 3) / 16.0 - 10.0),
-        quaternions=_tensor(quaternions),
-        opacity_logits=_tensor(opacity_logits(opacity)),
-        sh=_tensor(sh),
+        means=float_tensor(means),
+        log_scales=float_tensor(scale.reshape(count, 3) / 16.0 - 10.0),
+        quaternions=float_tensor(quaternions),
+        opacity_logits=float_tensor(opacity_logits(opacity)),
+        sh=float_tensor(sh),
     )
     return half_turn(file_gaussians)
 
@@ -212,7 +211,3 @@ def _rotations(version: int, stored: np.ndarray) -> Float[np.ndarray, "n 4"]:
     components = np.where(fields & np.uint32(512), -magnitude, magnitude)
     xyzw = complete_quaternion(components, (packed >> np.uint32(30)).astype(np.int64))
     return xyzw[:, [3, 0, 1, 2]]
-
-
-def _tensor(values: np.ndarray) -> torch.Tensor:
-    return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))
