@@ -8,9 +8,9 @@ import pytest
 NAMES = ("OMP_WAIT_POLICY", "GOMP_SPINCOUNT")
 TELL = f"""
 import os, gaussian_enhancer
-from gaussian_enhancer.cli.main import let_idle_threads_sleep
+from gaussian_enhancer.cli.main import set_openmp_wait_policy
 assert not os.environ.get("CLEAN") or not any(name in os.environ for name in {NAMES})
-let_idle_threads_sleep()
+set_openmp_wait_policy()
 print(*(os.environ.get(name) for name in {NAMES}))
 """
 

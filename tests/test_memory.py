@@ -28,13 +28,13 @@ library.mallinfo2.restype = Statistics
 process = psutil.Process()
 
 if {keep}:
-    assert memory.keep_freed()
+    assert memory.retain_freed_memory()
 before = library.mallinfo2().fordblks
 image = torch.ones({size})
 del image
 kept = library.mallinfo2().fordblks - before
 resident = process.memory_info().rss
-memory.give_back()
+memory.release_freed_memory()
 print(kept, resident - process.memory_info().rss)
 """
 """Frees an image; prints the free bytes that the C library has more, and the resident ones that it then gives back."""

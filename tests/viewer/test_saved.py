@@ -56,7 +56,7 @@ def test_a_view_is_saved_with_its_camera_and_none_is_replaced(tmp_path):
     assert saved.count == 0
     assert not saved.folder.exists()
     picture = torch.rand(3, 48, 64, generator=torch.Generator().manual_seed(0))
-    camera = KEPT[1].at(64)
+    camera = KEPT[1].to_camera(64)
     assert [saved.save_view(picture, camera).name for _ in range(2)] == ["view_001.png", "view_002.png"]
     assert float((read_photo(saved.folder / "view_001.png") - picture).abs().max()) <= 0.5 / 255 + 1e-6
     (same,) = read_path(saved.folder / "view_001.json", 1, 1).cameras

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from gaussian_enhancer.types import single_precision, usable_depth
 
-MAX_INVERSE_DEPTH = 4.0
+MAX_INVERSE_DEPTH = 4
 """Largest normalised inverse depth."""
 
 
