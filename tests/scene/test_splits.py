@@ -27,7 +27,7 @@ def test_files_own_split_is_followed_unless_refused():
     assert Split()(6, own) == own
     assert Split(train_every=2)(6, own) == ((0, 4), (1,))
     assert Split(train_every=2, unused_as_test=True)(6, own) == ((0, 4), (1, 2))
-    assert Split(3, file_split=False)(6, own) == ((1, 2, 4, 5), (0, 3))
+    assert Split(3, own=False)(6, own) == ((1, 2, 4, 5), (0, 3))
 
 
 def test_thinned_by_one_keeps_all():

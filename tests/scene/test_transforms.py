@@ -130,7 +130,7 @@ def test_nerfstudio_lists_are_the_split(tmp_path):
     rewrite(tmp_path, {**content, "train_filenames": paths[:5], "test_filenames": paths[5:7]})
     scene = load_transforms(tmp_path)
     assert (scene.train, scene.test) == ((0, 1, 2, 3, 4), (5, 6))
-    assert load_transforms(tmp_path, split=Split(file_split=False)).test == (0, 8)
+    assert load_transforms(tmp_path, split=Split(own=False)).test == (0, 8)
     rewrite(tmp_path, {**content, "train_filenames": paths, "test_filenames": paths[:1]})
     with pytest.raises(InputError, match=r"view_00\.png for training and for testing"):
         load_transforms(tmp_path)
