@@ -304,6 +304,8 @@ class Ship(Options):
     weights: PathText
     name: Annotated[str, Field(pattern=r"^\w+$")]
     first: PathText | None
+    references: NonNegativeInt | None
+    candidates: Count | None
     strength: Share
     helps: str
     harms: str

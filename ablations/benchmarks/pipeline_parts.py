@@ -31,7 +31,7 @@ PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
         (alignment, "photometric_difference"),
         (alignment, "hide_inconsistent"),
         (alignment, "reference_weight"),
-        (alignment, "rank"),
+        (alignment, "rank_references"),
     ),
     "align, the rest": ((ReferenceConfig, "align"),),
     "network": ((enhancer, "enhance_tiled"),),
