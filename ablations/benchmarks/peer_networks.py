@@ -103,7 +103,9 @@ def _untrained(train: list[str]) -> Pretrained:
     try:
         job = compose("train", train)
     except HydraException as error:
-        raise InputError(f"train {' '.join(train)}", f"is refused ({str(error).splitlines()[0]})", "mend it") from error
+        raise InputError(
+            f"train {' '.join(train)}", f"is refused ({str(error).splitlines()[0]})", "correct the override"
+        ) from error
     network: Network = build(job.fusion)
     config: ReferenceConfig = build(job.reference_config)
     return Pretrained(network, config, {})

@@ -294,7 +294,7 @@ def _process(command: list[str]) -> None:
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     process = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     if process.returncode:
-        last_line = (process.stderr.strip().splitlines() or ["it says nothing"])[-1]
+        last_line = (process.stderr.strip().splitlines() or ["no output"])[-1]
         raise InputError(" ".join(command[1:]), f"fails ({last_line})", "try it by itself")
 
 

@@ -74,7 +74,7 @@ def viewing(words: Sequence[str]) -> Iterator[tuple[str, int]]:
                 yield line.split()[0], job.pid
                 return
             lines.append(line.strip())
-        last_line = (lines or ["it says nothing"])[-1].removeprefix("gaussian-enhancer: ")
+        last_line = (lines or ["no output"])[-1].removeprefix("gaussian-enhancer: ")
         raise InputError("the job view", f"does not start ({last_line})", "correct run, show, width or overrides")
     finally:
         job.terminate()  # a process that a shell started in the background ignores Ctrl-C

@@ -109,7 +109,7 @@ class SourceChoice:
         for i, source in enumerate(chosen):
             other = camera_of(source.name, source.camera)
             if source.depth is None:
-                raise InputError(source.name, "has no depth to tell what it sees", "give fits with depth")
+                raise InputError(source.name, "has no depth, which visibility requires", "give fits with depth")
             warped = reproject(camera, target.depth, other, source.image, source.depth, tolerance=self.tolerance)
             colours[i] = warped.colour
             seen[i] = warped.visibility >= math.exp(-0.5)  # one standard deviation is the tolerance

@@ -92,7 +92,7 @@ def training_views(rendered: RenderedSet, choice: SourceChoice, exposure: bool) 
     pool, samples = ReferencePool(rendered.references, capacity=len(rendered.references)), []
     for view in rendered.references:
         if view.read_photo is None:
-            raise InputError(view.name, "has no photo to learn from", "give fits with their training photos")
+            raise InputError(view.name, "has no photo", "give fits with their training photos")
         target = read_target(view)
         sources = choice.sources(view, target, pool)
         mapping = applied_exposure(target.image, sources, exposure)
@@ -127,7 +127,7 @@ def train_residual(
         InputError: there is no view, or the checkpoint is damaged, of other settings, or cannot be written.
     """
     if not views:
-        raise InputError(folder, "has no training views to learn from", "give fits with their training views")
+        raise InputError(folder, "has no training views", "give fits with their training views")
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(settings.seed)
         network = IBGSResidual().train()

@@ -92,6 +92,6 @@ def run(cfg: DictConfig) -> None:
                 (ROOT / path).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(Path(folder) / path, ROOT / path)
     if different and not cfg.write:
-        received = f"hold {len(different)} files that are not what their records say"
+        received = f"hold {len(different)} files that differ from their records"
         raise InputError("pages", received, "write them: gaussian-enhancer pages write=true")
     print(f"{len(different)} files written" if different else "every page is what its records say")

@@ -63,7 +63,7 @@ def _reported(source: Path, page: Path) -> float:
     cells.sort(key=lambda record: places.get(record.scene, len(places)))
     records = [*cells, *(record for record in found if record.kind != KIND)]
     if not cells:
-        raise InputError("records", "hold no cell of the matrix", "run gaussian-enhancer stability")
+        raise InputError("records", "contain no cell of the matrix", "run gaussian-enhancer stability")
     _write(page, source, records, cases)
     failed = sum(record.variant == FAILED for record in cells)
     print_line(Console(stderr=True), f"{page}, {source}: {failed} cells have failed")

@@ -148,7 +148,7 @@ def share_of(method: str, strength: str) -> float:
     except ValueError:
         share = -1.0
     if not 0 <= share <= 1:
-        raise InputError(method, f"applies the share {strength!r}", "give a number from 0 to 1 behind the @")
+        raise InputError(method, f"has the strength {strength!r}", "give a number from 0 to 1 after the @")
     return share
 
 

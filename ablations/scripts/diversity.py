@@ -32,7 +32,7 @@ def same_views(pairs: list[RenderPair], least: int = 2) -> list[list[RenderPair]
         groups[pair.scene, pair.view, *pair.photo.shape].append(pair)
     kept = [group for group in groups.values() if len(group) >= least]
     if not kept:
-        raise InputError("runs", f"hold no view with {least} renders", "name several runs of one scene")
+        raise InputError("runs", f"contain no view with {least} renders", "name several runs of one scene")
     return kept
 
 

@@ -218,7 +218,7 @@ def _reasons(error: WarpedError) -> dict[str, str]:
 
 
 def _no_photo() -> Tensor:
-    raise InputError("path", "has no photo", "ask for renders only")
+    raise InputError("path", "has no photo", "request renders only")
 
 
 def _kept(view: RenderedView) -> RenderedView:

@@ -74,7 +74,7 @@ class _Worker:
         except EOFError:
             self.process.join()
             self.alive = False
-            return CaseOutcome(FAILED, f"ended its process with code {self.process.exitcode}")
+            return CaseOutcome(FAILED, f"exited with code {self.process.exitcode}")
         return cell
 
 

@@ -86,7 +86,7 @@ def asked_names(asked: Any) -> tuple[str, ...]:
             raise InputError(f"table {item!r}", "is unknown", f"choose a number, or of: {known_list}")
         names |= dict.fromkeys(resolved)
     if not names:
-        raise InputError("table", "names nothing", "choose a number, a name, a list of them, or all")
+        raise InputError("table", "is empty", "choose a number, a name, a list of them, or all")
     return tuple(names)
 
 
@@ -158,7 +158,7 @@ def paper_values(study: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, .
 
     columns = [SHORT.get(column, column) for column in values.pop("columns")]
     if columns != list(study["metrics"])[: len(columns)]:
-        raise InputError(f"paper: {name}", f"has the columns {', '.join(columns)}", "begin the metrics with these")
+        raise InputError(f"paper: {name}", f"has the columns {', '.join(columns)}", "put these first in metrics")
     factors = [1000.0 if column == "peak_memory_mb" else 1.0 for column in columns]
 
     def scaled(cells: Sequence[float | int] | None) -> tuple[float, ...] | None:

@@ -102,7 +102,7 @@ def held_views(cfg: DictConfig, fit: Path, study: TradeoffStudy) -> tuple[Render
         job.run = str(fit)
     task = read_task(job, "cpu", study.finer)
     if study.finer and task.note:
-        raise InputError(fit, task.note, "give scenes whose finer photos are known")
+        raise InputError(fit, task.note, "give scenes with photos of 4 times the resolution")
     return single_target_sets(task.rendered, study.views)
 
 

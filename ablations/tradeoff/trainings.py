@@ -63,7 +63,7 @@ def _records(folder: Path, cfg: DictConfig, variant: str) -> Iterator[Record]:
     if not reason and "gain/psnr" not in curves:
         reason = "logged no validation"
     if not reason and "loading" not in cfg.data:
-        reason = "was trained by an earlier version, whose configuration is not read; train it again"
+        reason = "was trained by an earlier version with an unsupported configuration; train again"
     if reason:
         yield missing_record(variant, reason, run=folder.name, seed=seed, sources=sources)
         return

@@ -46,11 +46,11 @@ def read_folder(folder: str | Path) -> tuple[TableRecords, ...]:
         raise InputError(root, "is no folder", "give the folder of results: docs/results/tables/desk")
     descriptions = sorted(root.glob("*.json"), key=lambda path: _number(path.stem))
     if not descriptions:
-        raise InputError(root, "holds no description of a table", "make a table first: gaussian-enhancer tables")
+        raise InputError(root, "contains no description of a table", "make a table first: gaussian-enhancer tables")
     without_description = sorted({p.stem for p in root.glob("*.jsonl")} - {p.stem for p in descriptions})
     if without_description:
         raise InputError(
-            root / f"{without_description[0]}.jsonl", "has no description beside it", "make the table again"
+            root / f"{without_description[0]}.jsonl", "has no description in its folder", "make the table again"
         )
     return tuple(_read_table(path) for path in descriptions)
 

@@ -105,7 +105,11 @@ class ReferencePool:
         depth = view.read_depth() if view.read_depth is not None else None
         render = view.read() if view.read is not None else None
         if fine and view.read_fine_photo is None:
-            raise InputError(view.name, "has no photo finer than its render", "give photos 4 times as fine")
+            raise InputError(
+                view.name,
+                "has no photo of 4 times its render's resolution",
+                "give photos of 4 times the render's resolution",
+            )
         read_fine = partial(self._read_fine_cached, index) if fine else None
         return LoadedView(view.name, view.read_photo(), view.camera, depth, render=render, read_fine=read_fine)
 

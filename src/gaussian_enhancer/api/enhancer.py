@@ -205,7 +205,7 @@ class Enhancer:
         cameras = one_per_image("camera", camera, count, batch)
         names = [label or f"render {i}" for i, label in enumerate(one_per_image("name", name, count, batch))]
         if len(set(names)) < count:
-            raise InputError("name", f"is {names}", "give each render of a batch a name of its own")
+            raise InputError("name", f"is {names}", "give each render of a batch a unique name")
         return tuple(
             RenderedView(
                 names[i],

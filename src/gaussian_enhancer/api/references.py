@@ -102,7 +102,7 @@ class KnownReferences:
                 )
             name = reference.name or f"reference {number}"
             if name in views:
-                raise InputError(f"reference {name}", "stands twice", "give each reference a name of its own")
+                raise InputError(f"reference {name}", "stands twice", "give each reference a unique name")
             views[name] = _view(reference, name, fine)
         return cls(tuple(references), tuple(views.values()))
 

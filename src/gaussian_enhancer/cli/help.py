@@ -27,7 +27,7 @@ def help_text(job: str, words: Sequence[str], conf: Path) -> str:
     body = body.split("\nhydra:")[0]
     parts = [USAGE.format(job=job), head, _section(f"options of {job}, with their defaults", body)]
     if groups:
-        parts.append(_section("groups: GROUP=CHOICE takes a whole part", "\n".join(_choices(groups, conf))))
+        parts.append(_section("groups: GROUP=CHOICE selects a file of options", "\n".join(_choices(groups, conf))))
     for group, choice, _ in groups:
         file = conf / group / f"{choice}.yaml"
         if file.is_file():

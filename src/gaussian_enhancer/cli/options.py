@@ -353,7 +353,7 @@ def check_options(job: str, cfg: DictConfig) -> None:
         if kind == Group | None and name not in cfg:
             continue  # an optional group without a choice
         if name not in cfg and not OmegaConf.is_missing(cfg, name):
-            raise InputError(name, f"was taken out of the configuration of {job}", f"leave ~{name} out")
+            raise InputError(name, f"was removed from the configuration of {job}", f"remove ~{name} from the command")
         if not OmegaConf.is_missing(cfg, name):
             check_plain(_value(cfg, name), kind, name)
 

@@ -86,7 +86,7 @@ def _train(cfg: DictConfig, job: Run) -> float | None:
             module, datamodule=data, ckpt_path=str(checkpoint) if checkpoint.is_file() else None, weights_only=True
         )
         if trainer.interrupted or (trainer.global_step < cfg.trainer.max_steps and cfg.trainer.get("max_time") is None):
-            print(f"stopped after {trainer.global_step} steps; the same command goes on from there")
+            print(f"stopped after {trainer.global_step} steps; the same command resumes")
             return None
         validation = {name: float(value) for name, value in trainer.validate(module, data, verbose=False)[0].items()}
     non_finite = module.non_finite.dropped_by_all()

@@ -60,7 +60,7 @@ def run(cfg: DictConfig) -> float | None:
         if not (job.folder / f"{step}.safetensors").is_file():
             step_validation = _train(cfg, job, step, design, data)
             if step_validation is None:
-                console.print("stopped; the same command goes on from there")
+                console.print("stopped; the same command resumes")
                 return None
             write_text(job.folder / f"{step}.json", json.dumps(step_validation))
         validation |= json.loads((job.folder / f"{step}.json").read_text())

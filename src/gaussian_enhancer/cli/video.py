@@ -58,9 +58,7 @@ def run(cfg: DictConfig) -> None:
         written = _write(frames, filmed.path, output, job.folder, console, progress_hidden)
     except KeyboardInterrupt:
         frame_count = sum(folder.has(index) for index in range(len(rendered.targets)))
-        message = (
-            f"stopped with {frame_count} of {len(rendered.targets)} frames made; the same command goes on from there"
-        )
+        message = f"stopped with {frame_count} of {len(rendered.targets)} frames made; the same command resumes"
         print_line(console, f"{job.folder}: {message}")
         raise SystemExit(INTERRUPTED) from None
     job.finish()

@@ -35,7 +35,7 @@ def run(cfg: DictConfig) -> None:
     saved = SavedFiles(Path(cfg.output) if cfg.output else Path(cfg.runs) / "view" / session.name)
     try:
         with serve_page(session, saved, settings, (cfg.host, cfg.port), log) as (page, address):
-            log(f"{address} shows {session.name}; Ctrl-C ends it")
+            log(f"{address} shows {session.name}; press Ctrl-C to stop")
             page.worker.wait()
     except KeyboardInterrupt:
         log(f"stopped; {saved.folder} holds {saved.count} saved views and paths")

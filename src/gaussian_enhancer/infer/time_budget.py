@@ -101,4 +101,4 @@ def _refuse_overridden(cfg: DictConfig) -> None:
     named = {word.split("=")[0].lstrip("+") for word in overrides}
     for key in BUDGET_KEYS:
         if key in named or cfg[key] != defaults[key]:
-            raise InputError(key, f"is {cfg[key]!r} beside budget_ms, which decides it", "give one of the two")
+            raise InputError(key, f"is {cfg[key]!r} together with budget_ms, which sets it", "give one of the two")

@@ -83,7 +83,7 @@ def validate_inputs(
         InputError: there is no photo to refer to where references are asked for.
     """
     if reference_config.references and not rendered.references:
-        remedy = "add scene=capture scene.path=FOLDER, or max_references=0 to enhance from the renders alone"
+        remedy = "add scene=capture scene.path=FOLDER, or max_references=0 to enhance from the renders only"
         raise InputError(rendered.name, "has no photo to refer to", remedy)
     finer = f"{scale} times the render's size" if scale > 1 else "the weights enhance at the render's own size"
     parts = [PlanItem("super-resolution", scale > 1, finer)]
@@ -98,7 +98,7 @@ def validate_inputs(
     parts += [_camera_part(rendered, origins.get("cameras", "")), depth]
     if reference_config.fine:
         fine = all(view.read_fine_photo is not None for view in rendered.references)
-        why = "" if fine else "photos 4 times as fine as the renders are not known: enlarging without their detail"
+        why = "" if fine else "no photos of 4 times the renders' resolution: super-resolution without their detail"
         reference_config = replace(reference_config, fine=fine)
         parts.append(PlanItem("fine photos", fine, why))
     if reference_config.references:

@@ -146,7 +146,7 @@ def load_weights(source: str | Path) -> Pretrained:
     except InputError:
         raise
     except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError, RuntimeError) as error:
-        raise InputError(path, f"describes no network that this version knows ({error})", REMEDY) from error
+        raise InputError(path, f"describes a network that this version does not support ({error})", REMEDY) from error
     return Pretrained(network.eval(), reference_config, card, confidence)
 
 

@@ -57,7 +57,7 @@ def view_section(view: View, real: Float[Tensor, "1 3 h w"] | None) -> Section:
         images["depth: near is light"] = depth_colours(view.depth[0], view.depth[0])
     if view.alpha is not None:
         images["opacity"] = view.alpha[0].expand(3, -1, -1)
-    return Section("View", "What the simulator is given.", (ImageRow("", tuple(images.values()), tuple(images)),))
+    return Section("View", "Input of the simulator.", (ImageRow("", tuple(images.values()), tuple(images)),))
 
 
 def type_sections(view: View, seed: int) -> tuple[Section, ...]:
@@ -81,12 +81,10 @@ def type_sections(view: View, seed: int) -> tuple[Section, ...]:
             depths.append(
                 ImageRow(name, tuple(depth_colours(depth, view.depth[0]) for depth in degraded.depth), captions)
             )
-    text = (
-        "From strength 0, the photo itself, to 1, the worst that is seen in splat renders; the same draws along a row."
-    )
+    text = "From strength 0 (the photo) to 1 (the worst case in splat renders); each row has the same random draw."
     sections = [Section("Types", text, tuple(colours), "types")]
     if depths:
-        text = "What each type does to the depth: near is light, far is dark, and nothing hit is black."
+        text = "Effect of each type on the depth: light: near, dark: far, black: no surface."
         sections.append(Section("Types: depth", text, tuple(depths), "types_depth"))
     return tuple(sections)
 
@@ -110,9 +108,7 @@ def gate_section(view: View, gates: Mapping[str, Gate | str], seed: int, draws: 
         steps = [gate.draw(generator) for generator in generators]
         degraded = degrade(copies, steps, generators)
         rows.append(ImageRow(name, tuple(degraded.image), tuple(map(describe_artefacts, steps))))
-    text = (
-        "Draws of each gate, stage 1 alone. Below each: what passed, in the order in which it acts, with its strength."
-    )
+    text = "Random draws of each gate, stage 1 only. Below: the chosen types in their order, with strengths."
     return Section("Gates", text, tuple(rows), "gates")
 
 
@@ -132,7 +128,7 @@ def generator_section(
         InputError: stage 2 requires a real render and there is none.
     """
     if isinstance(simulator.second, NoSecondStage):
-        return Section("Generator", "Stage 2 is switched off (generator=none): what is drawn is stage 1's output.")
+        return Section("Generator", "Stage 2 is switched off (generator=none): the images are stage 1's output.")
     generator = torch.Generator().manual_seed(seed)
     steps = simulator.gate.draw(generator)
     manual = degrade(view, [steps], [generator])

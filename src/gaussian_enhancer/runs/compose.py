@@ -29,7 +29,7 @@ def compose_job(name: str, cfg: DictConfig, overrides: Iterable[str] = (), **val
         job = copy.deepcopy(_compose_cached(name, frozen_overrides))
     except (HydraException, OmegaConfBaseException) as error:
         raise InputError(
-            f"{name} {' '.join(frozen_overrides)}", f"is refused ({_first_line(error)})", "mend it"
+            f"{name} {' '.join(frozen_overrides)}", f"is refused ({_first_line(error)})", "correct the override"
         ) from error
     with open_dict(job):
         job.update({"runs": cfg.runs, "runtime": cfg.runtime, **values})

@@ -85,7 +85,9 @@ def high_resolution_values(values: Mapping[str, Any]) -> dict[str, Any]:
         received = f"is rendered at 1/{values.get('downscale', 1)} of its photos' size"
         subject = values.get("path", values.get("_target_"))
         raise InputError(
-            subject, received, f"fit it with scene.downscale={UPSCALE} or more, so that finer photos exist"
+            subject,
+            received,
+            f"fit it with scene.downscale={UPSCALE} or more, so that photos of 4 times the resolution exist",
         )
     return {**values, "downscale": int(downscale) if downscale == int(downscale) else downscale}
 
@@ -146,5 +148,5 @@ class ReadProceduralPhoto:
         header = read_header(self.path)
         if (header.height, header.width) != (self.height, self.width):
             received = f"is {header.width}x{header.height} where {self.width}x{self.height} is expected"
-            raise InputError(self.path, received, "delete the folder, which is drawn again")
+            raise InputError(self.path, received, "delete the folder; its photos are rendered again")
         return read_photo(self.path)

@@ -143,7 +143,7 @@ def _try_acquire(lock: FileLock, folder: Path, place: Path) -> bool:
         except Timeout:
             if not _waits.get():
                 received = "is being written by another process"
-                raise InputError(place, received, "wait until that one ends, or choose another output") from None
+                raise InputError(place, received, "wait until that job ends, or choose another output") from None
             print(f"gaussian-enhancer: {place}: waiting for another process that writes it", file=sys.stderr)
             lock.acquire()
         return True

@@ -110,7 +110,9 @@ def read_original_size(view: RenderedView) -> Float[Tensor, "3 _ _"]:
         InputError: the view has no such photo, or it cannot be read.
     """
     if view.read_fine_photo is None:
-        raise InputError(view.name, "has no finer photo", "give a scene with finer photos")
+        raise InputError(
+            view.name, "has no high-resolution photo", "give a scene with photos of 4 times the render's resolution"
+        )
     if view.fine_size is None:
         return view.read_fine_photo()
     if isinstance(view.read_fine_photo, ReadResized):

@@ -190,7 +190,7 @@ def _read(rendered: RenderedSet, bare: bool, folder: Path) -> RecoveredGeometry:
     if not bare:
         return RecoveredGeometry(posed_set, "", depth)
     if any(view.read_depth is not None for view in rendered.targets):
-        depth += "; the given depth is left out, since its unit is not that of recovered cameras"
+        depth += "; the given depth is ignored, because its unit differs from that of the recovered cameras"
     placed = f"{sum(v.camera is not None for v in targets)} of {count[0]} renders, {len(photos)} of {count[1]} photos"
     return RecoveredGeometry(posed_set, f"by structure from motion: {placed}, {seconds[CAMERAS]:.0f} s", depth)
 

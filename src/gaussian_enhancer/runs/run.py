@@ -91,7 +91,7 @@ def _check_folder(folder: Path, digest: str) -> str | None:
         stored = stored_digest(folder / "config.yaml")
         if stored != digest:
             received = f"holds an unfinished run of another configuration ({stored})"
-            raise InputError(folder, received, f"{REMEDY}, or give that configuration to go on with it")
+            raise InputError(folder, received, f"{REMEDY}, or use that configuration to resume it")
     return finished
 
 

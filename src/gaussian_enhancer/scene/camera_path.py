@@ -153,12 +153,12 @@ def _orbit(cameras: Sequence[Camera], lens: Camera, settings: PathSettings) -> t
     centres, up = _centres(cameras), _up(cameras, "orbit")
     focus = _focus(cameras)
     if focus is None:
-        raise InputError("path=orbit", "has no centre: the cameras do not look at one point", "use path=interpolate")
+        raise InputError("path=orbit", "has no centre: the cameras' optical axes do not meet", "use path=interpolate")
     heights = (centres - focus) @ up
     horizontal = centres - focus - heights[:, None] * up
     distance = settings.radius * float(np.median(np.linalg.norm(horizontal, axis=1)))
     if not distance > 0:
-        raise InputError("path=orbit", "has no radius: the cameras stand above one another", "use path=interpolate")
+        raise InputError("path=orbit", "has no radius: the cameras are above one another", "use path=interpolate")
     start_direction = horizontal[np.linalg.norm(horizontal, axis=1).argmax()]
     start_direction = start_direction / np.linalg.norm(start_direction)
     angles = 2 * np.pi * (settings.turns or 1) * np.arange(settings.frames) / settings.frames
@@ -181,7 +181,7 @@ def _spiral(cameras: Sequence[Camera], lens: Camera, settings: PathSettings) -> 
     axes = np.stack([right / np.linalg.norm(right), np.cross(forward, right) / np.linalg.norm(right), forward])
     radii = settings.radius * np.percentile(np.abs((centres - mean) @ axes.T), 90, axis=0)
     if not radii.any():
-        raise InputError("path=spiral", "has no radius: the cameras stand at one place", "use path=interpolate")
+        raise InputError("path=spiral", "has no radius: all cameras are at the same place", "use path=interpolate")
     angles = 2 * np.pi * (settings.turns or 2) * np.arange(settings.frames) / settings.frames
     offsets = np.stack([np.cos(angles), -np.sin(angles), -np.sin(angles / 2)], axis=1)
     return tuple(_look_at(lens, eye, target, up, "spiral") for eye in mean + (offsets * radii) @ axes)

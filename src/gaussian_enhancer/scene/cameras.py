@@ -88,7 +88,7 @@ def cameras_by_stem(cameras: Sequence[ListedCamera], source: Path) -> dict[str, 
     for entry in cameras:
         stem = Path(entry.name).stem
         if stem in by_stem:
-            raise InputError(source, f"lists {stem!r} more than once", "give every camera the name of its own photo")
+            raise InputError(source, f"lists {stem!r} more than once", "name every camera after its photo")
         by_stem[stem] = entry.camera
     return by_stem
 

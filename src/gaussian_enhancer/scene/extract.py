@@ -88,7 +88,7 @@ def _members(opened: zipfile.ZipFile, archive: Path, parts: Parts, name: str) ->
         paths = [member.filename for member in opened.infolist() if member.filename.startswith(f"{parts.inside}/")]
         folders = sorted({path[len(parts.inside) + 1 :].split("/")[0] for path in paths} - {""})
         received = f"holds no {prefix} (of {parts.inside}: {', '.join(folders) or 'nothing'})"
-        raise InputError(archive, received, "ask for what is there with images=")
+        raise InputError(archive, received, "set images= to existing folders")
     return files
 
 
@@ -98,7 +98,7 @@ def _refuse_outside(opened: zipfile.ZipFile, archive: Path) -> None:
         path = PurePosixPath(member.filename.replace("\\", "/"))
         is_outside = path.is_absolute() or ".." in path.parts or (path.parts and path.parts[0].endswith(":"))
         if is_outside or stat.S_ISLNK(member.external_attr >> 16):
-            received = f"holds {member.filename!r}, which leads outside its folder"
+            received = f"holds {member.filename!r}, whose path is outside the target folder"
             raise InputError(archive, received, "do not use it: delete it and fetch it from its authors")
 
 

@@ -78,7 +78,7 @@ def fetch(
             most_bytes = max(most_bytes, transfer.size)
             if idle_attempts > patience.retries and not transfer.complete:
                 received = f"broke off {idle_attempts} times in a row, {transfer.size} bytes are there ({reason})"
-                raise InputError(archive.url, received, "start again later: it goes on from there")
+                raise InputError(archive.url, received, "run the same command later; it resumes")
             if not transfer.complete:
                 time.sleep(min(60.0, patience.pause * 2**idle_attempts))
         temporary = Path(str(part.name))
@@ -104,5 +104,5 @@ def _lock_part(part: Path) -> Iterator[FileIO]:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            raise InputError(part, "is being fetched by another process", "wait for it, or end it") from None
+            raise InputError(part, "is being fetched by another process", "wait until it ends, or stop it") from None
         yield file

@@ -54,7 +54,7 @@ def refuse_frozen(runs: Iterable[str | Path], purpose: str = "chosen by") -> Non
     for run in runs:
         if is_frozen(run):
             remedy = "name training or validation runs (docs/data.md); a capture of your own needs another scene.name"
-            raise InputError(run, f"is a frozen test scene, which nothing may be {purpose}", remedy)
+            raise InputError(run, f"is a frozen test scene: nothing may be {purpose} it", remedy)
 
 
 def refuse_untrained(runs: Iterable[str | Path]) -> None:
@@ -70,4 +70,4 @@ def refuse_untrained(runs: Iterable[str | Path]) -> None:
         refuse_frozen([run], "trained on")
         if is_untrained(run):
             remedy = f"name training runs: procedural seeds below {UNTRAINED_FROM} (docs/data.md)"
-            raise InputError(run, "is a scene of the second validation, which nothing may be trained on", remedy)
+            raise InputError(run, "is a scene of the second validation, which must not be used for training", remedy)

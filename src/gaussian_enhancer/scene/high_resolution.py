@@ -87,7 +87,7 @@ def _with_fine_photo(view: RenderedView, photo: Photo) -> RenderedView:
             f"is {photo_size[1]}x{photo_size[0]} where 4 times its render {view.name} is {UPSCALE * render_size[1]}x"
         )
         received += f"{UPSCALE * render_size[0]}"
-        raise InputError(photo.name, received, "give photos 4 times as fine as the renders")
+        raise InputError(photo.name, received, "give photos of 4 times the renders' resolution")
     read = resized_reader(photo.read, UPSCALE * render_size[0], UPSCALE * render_size[1])
     return dataclasses.replace(view, read_fine_photo=read, fine_size=original_size(photo_size, render_size))
 

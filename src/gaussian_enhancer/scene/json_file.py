@@ -27,7 +27,7 @@ def get_member(record: Any, key: str, where: object) -> Any:
         InputError: the record is not an object or lacks the key.
     """
     if not isinstance(record, dict) or key not in record:
-        raise InputError(where, f"has no {key!r}", "write the file again with a tool that states it")
+        raise InputError(where, f"has no {key!r}", "rewrite the file with a tool that writes it")
     return record[key]
 
 

@@ -57,7 +57,7 @@ def load_opensfm(
     reconstructions = read_json(source)
     if not isinstance(reconstructions, list) or not 0 <= component < len(reconstructions):
         count = len(reconstructions) if isinstance(reconstructions, list) else 0
-        raise InputError(source, f"has {count} reconstructions, number {component} was asked for", "set component=")
+        raise InputError(source, f"has {count} reconstructions, number {component} does not exist", "set component=")
     content = reconstructions[component]
     cameras = get_object(content, "cameras", source)
     lenses = {key: _lens(camera, f"{source} camera {key}") for key, camera in cameras.items()}

@@ -137,7 +137,7 @@ def unique_names(listed: Sequence[str], source: Path) -> list[str]:
         names = ["_".join(part for part in path.parts if part not in (".", "..", "/")) for path in paths]
     repeated = [stem for stem, count in Counter(PurePosixPath(n).stem for n in names).items() if count > 1]
     if repeated:
-        raise InputError(source, f"lists {repeated[0]!r} more than once", "give every photo a name of its own")
+        raise InputError(source, f"lists {repeated[0]!r} more than once", "give every photo a unique name")
     return names
 
 

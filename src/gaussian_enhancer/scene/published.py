@@ -60,7 +60,7 @@ def load_published(
         )
     if photos not in (None, len(scene.photos)) and missing == "error":
         received = f"holds {len(scene.photos)} photos where the published scene has {photos}"
-        raise InputError(root, received, "complete it, or pass scene.photos=null to measure on what is there")
+        raise InputError(root, received, "complete it, or pass scene.photos=null to use the existing photos")
     return scene
 
 

@@ -90,13 +90,13 @@ class Transfer:
         A response that holds the whole file truncates the partial file.
         """
         if response.headers.get_content_type() == "text/html":
-            self._refuse_response("answers with a web page in place of the archive")
+            self._refuse_response("returned a web page instead of the archive")
         match = re.fullmatch(r"bytes (\d+)-\d+/(\d+|\*)", response.headers.get("Content-Range", ""))
         if response.status == 206 and match and int(match[1]) == self.size:
             total = None if match[2] == "*" else int(match[2])
         elif response.status == 206:
             self._restart()
-            raise http.client.HTTPException("another part than the one asked for")
+            raise http.client.HTTPException("a part other than the requested one")
         else:
             self._restart()
             length = response.headers.get("Content-Length")

@@ -150,7 +150,7 @@ def ideal_pinhole(lens: Lens) -> tuple[Float[Tensor, "3 3"], int, int]:
     inside = (distorted > -slack) & (distorted < distorted.new_tensor([lens.width, lens.height]) + slack)
     if not bool(inside.all()):
         received = f"has {lens.model} coefficients {lens.params} that fold the picture's border over"
-        raise InputError(lens.source, received, "calibrate again with a milder lens model")
+        raise InputError(lens.source, received, "calibrate again with a lens model of less distortion")
     return K, ideal.height, ideal.width
 
 

@@ -96,7 +96,7 @@ def _check(gaussians: Gaussians, camera: Camera, method: Method, near: float, sc
     if not near >= 0.0:
         raise InputError("near", f"is {near}", "use a distance that is not negative")
     if screen is not None and gaussians.means.device.type == "cpu" and gaussians.means.dtype != torch.float32:
-        raise InputError("screen statistics", f"asked of {gaussians.means.dtype}", "render in float32")
+        raise InputError("screen statistics", f"requested for {gaussians.means.dtype}", "render in float32")
 
 
 def _render_ellipsoids(

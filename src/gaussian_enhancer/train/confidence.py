@@ -85,7 +85,7 @@ def measure_views(folder: Path, enhancer: SetEnhancer) -> Iterator[ViewBlocks]:
         pool = ReferencePool(rendered.references)
         for view in rendered.targets:
             if view.read_photo is None:
-                raise InputError(view.name, "has no photo to learn from", "give fits with held-out photos")
+                raise InputError(view.name, "has no ground-truth photo", "give fits with held-out photos")
             target, photo = read_target(view), view.read_photo()
             aligned = enhancer.reference_config.align(target, view, pool)
             matched_photo = match_exposure(photo, target.image)

@@ -76,7 +76,7 @@ def _refuse_sample(counts: dict[str, int], share: float, seen: int, base: int) -
     if total > share * base:
         worst = max(counts, key=lambda name: counts[name])
         received = f"dropped {total} of {seen} crops that are not finite, most often {worst} ({counts[worst]})"
-        raise InputError("training", received, f"mend the sample, or allow more than bad_share={share:g}")
+        raise InputError("training", received, f"repair the sample, or set bad_share above {share:g}")
 
 
 def refuse_share(share: float) -> None:
@@ -123,4 +123,4 @@ def refuse_bad(bad: Sequence[str], count: int, share: float) -> None:
         print(f"dropped {message}", file=sys.stderr)
     if len(bad) > share * count:
         received = f"has {len(bad)} samples of {count} that are not finite, first {bad[0]}"
-        raise InputError("training data", received, f"mend them, or allow more than bad_share={share:g}")
+        raise InputError("training data", received, f"repair the samples, or set bad_share above {share:g}")

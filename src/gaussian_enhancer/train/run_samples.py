@@ -47,7 +47,9 @@ class RunSamples:
 
     def __post_init__(self) -> None:
         if self.reference_config.fine and self.finer is None:
-            raise InputError("reference_config.fine", "is asked for", "tell with finer= where fine photos come from")
+            raise InputError(
+                "reference_config.fine", "requires high-resolution photos", "pass finer=, which provides them"
+            )
         if self.views_per_run is not None and self.views_per_run < 1:
             raise InputError("views_per_run", f"is {self.views_per_run}", "give at least 1")
 

@@ -44,7 +44,7 @@ class Simulation:
             raise InputError("simulation.share", f"is {self.share}", "give a share above 0 and up to 1")
         if self.validation and self.training_views:
             # Renders of training views were fitted to the photos: such pairs show no real degradation.
-            raise InputError("training_views", "are asked for by a simulator's training", "use held-out views alone")
+            raise InputError("training_views", "cannot be used to train a simulator", "use held-out views only")
 
     def is_simulated(self, seed: int) -> bool:
         """Whether the crop of a held-out view with this seed is simulated."""

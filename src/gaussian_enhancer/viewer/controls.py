@@ -50,7 +50,7 @@ class Controls:
             self._photo = gui.add_image(np.zeros((2, 3, 3), np.uint8), label="", visible=False)
             self.go = gui.add_button("Go to its camera")
         with gui.add_folder("Save"):
-            self.save_view = gui.add_button("Save view", hint="the picture as it is shown, and its camera")
+            self.save_view = gui.add_button("Save view", hint="the displayed picture and its camera")
             self.add = gui.add_button("Add camera to path")
             self._count = gui.add_markdown("")
             self.seconds = gui.add_slider("seconds", SECONDS[0], SECONDS[1], 0.5, SECONDS[2], hint="of the path")
@@ -126,7 +126,7 @@ def status(frame: int, picture: Float[Tensor, "3 _ _"], view: StageView, mode: M
         parts += f", references {times.preparing:.0f}, network {times.enhancing:.0f}"
     lines = [f"**{times.total:.0f} ms** ({parts}), {width} × {height}, frame {frame}"]
     if view.blank:
-        lines.append("Nothing of the splat is seen from here: turn round, or move back.")
+        lines.append("The splat is not visible from here: turn the camera or move back.")
     elif view.enhanced is not None and not view.references:
         lines.append("No photo is used here.")
     return "\n\n".join(filter(None, [*lines, mode.legend]))

@@ -21,9 +21,9 @@ MODES = {
     "render": "",
     "side_by_side": "Render left, enhanced right.",
     "wipe": "Render left of the line, enhanced right of it.",
-    "difference": "What enhancement changes: dark nothing, light 0.2 of the colours' range and more.",
-    "confidence": "Share of the photos asked for that show a pixel's surface: dark none, light all.",
-    "depth": "Near is light, far is dark; black: nothing is there.",
+    "difference": "Change by enhancement: dark: none, light: 0.2 of the colour range or more.",
+    "confidence": "Share of the requested references that show a pixel's surface: dark: none, light: all.",
+    "depth": "Light: near, dark: far, black: no surface.",
 }
 """The modes by name, with the legend of each."""
 MAX_DIFFERENCE = 0.2

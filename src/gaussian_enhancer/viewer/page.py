@@ -200,7 +200,7 @@ class Page:
     def _save_view(self, client: Any) -> str:
         shown = self._shown.get(client.client_id)
         if shown is None or not shown.full or shown.camera != _page_camera(client):
-            raise InputError("view", "is being drawn", "save it when the picture is at full size")
+            raise InputError("view", "is being rendered", "save it when the picture is at full size")
         height, width = shown.picture.shape[-2:]
         camera = replace(shown.camera, aspect=width / height).to_camera(width)
         return f"saved {self.saved.save_view(shown.picture, camera)}"

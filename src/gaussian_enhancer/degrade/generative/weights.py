@@ -78,7 +78,7 @@ def load_model(source: str | Path) -> PretrainedModel:
     except InputError:
         raise
     except (KeyError, TypeError, ValueError, ArithmeticError, RuntimeError) as error:
-        raise InputError(path, f"describes no simulator that this version knows ({error})", REMEDY) from error
+        raise InputError(path, f"describes a simulator that this version does not support ({error})", REMEDY) from error
     return PretrainedModel(model.eval(), card)
 
 

@@ -78,7 +78,7 @@ def refuse_normalised(splat: str | Path) -> None:
     with convert_read_errors(config):
         text = config.read_text(encoding="utf-8", errors="replace")  # not parsed: its YAML names Python objects
     if re.search(r"^normalize_world_space: true$", text, flags=re.MULTILINE):
-        received = "says normalize_world_space: true, so that the splat does not lie where its capture does"
+        received = "says normalize_world_space: true, so the splat and its capture have different coordinates"
         raise InputError(config, received, "train with --no-normalize-world-space")
 
 
