@@ -36,7 +36,7 @@ OWN = {
         (["output=a.mkv"], r"a\.mkv: does not end in \.mp4"),
         (["output=a.webm", "format=mp4"], r"a\.webm: does not end in \.mp4"),
         (["path=orbti"], "orbti: does not exist; choose interpolate, orbit, spiral"),
-        (["path=orbit"], "cameras do not look at one point"),
+        (["path=orbit"], "optical axes do not meet"),
         (["path=spiral", "radius=30"], "path=spiral: leaves the capture"),
         (["frames=1"], "frames"),
         (["fps=0"], "fps: is 0"),

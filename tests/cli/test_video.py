@@ -101,7 +101,7 @@ def test_a_folder_of_frames_and_a_resumed_run_are_as_a_run_in_one_go(words, tmp_
     with pytest.raises(SystemExit) as stop:
         run(configured(*words))
     assert stop.value.code == INTERRUPTED
-    assert f"2 of {FRAMES} frames made; the same command goes on" in capsys.readouterr().err
+    assert f"2 of {FRAMES} frames made; the same command resumes" in capsys.readouterr().err
     folder = folder_of(tmp_path)
     assert len(images(folder / "frames")) == 2
     assert len(decoded(folder / "enhanced.part.mp4")) == 2

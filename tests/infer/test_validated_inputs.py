@@ -156,7 +156,7 @@ def test_references_without_the_camera_that_others_have_are_left_out_by_auto_alo
 def test_fine_photos_are_not_asked_for_where_they_are_not_known():
     found = validate_inputs(things(), ReferenceConfig(fine=True), AUTO, scale=4)
     assert not found.reference_config.fine
-    assert "enlarging without their detail" in found.missing_references[0]
+    assert "super-resolution without their detail" in found.missing_references[0]
 
 
 def test_references_are_refused_where_there_are_none():

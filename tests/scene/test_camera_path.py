@@ -112,14 +112,14 @@ def test_a_spiral_stays_within_the_spread_and_looks_ahead():
 
 
 def test_paths_that_a_capture_does_not_allow_are_refused_with_another():
-    with pytest.raises(InputError, match="do not look at one point; use path=interpolate"):
+    with pytest.raises(InputError, match="optical axes do not meet; use path=interpolate"):
         capture_path("orbit", grid(), PathSettings())
     with pytest.raises(InputError, match="look all around; use path=orbit"):
         capture_path("spiral", ring(8), PathSettings())
     for shape in ("interpolate", "orbit", "spiral"):
         with pytest.raises(InputError, match="which has 1; give a capture of more photos"):
             capture_path(shape, ring(1), PathSettings())
-    with pytest.raises(InputError, match="stand at one place"):
+    with pytest.raises(InputError, match="at the same place"):
         capture_path("spiral", [grid()[0]] * 3, PathSettings())
 
 

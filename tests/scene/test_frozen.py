@@ -39,7 +39,7 @@ def test_nothing_is_chosen_by_a_test_scene(name):
 @pytest.mark.parametrize("name", SECOND)
 def test_scenes_of_the_second_validation_choose_and_do_not_teach(name):
     refuse_frozen([f"runs/fit/{name}"])
-    with pytest.raises(InputError, match="second validation, which nothing may be trained on"):
+    with pytest.raises(InputError, match="second validation, which must not be used for training"):
         refuse_untrained([f"runs/fit/{name}"])
 
 

@@ -199,7 +199,7 @@ def test_ordinary_samples_keep_their_names_and_their_index(plane_run, tmp_path):
 
 
 def test_a_fine_preparation_needs_fine_photos(plane_run, tmp_path):
-    with pytest.raises(InputError, match="no photo finer"):
+    with pytest.raises(InputError, match="no photo of 4 times"):
         prepare_samples(read_run(plane_run), ReferenceConfig(fine=True), tmp_path, "a")
     with pytest.raises(InputError, match="finer="):
         RunSamples(ReferenceConfig(fine=True), tmp_path)

@@ -62,4 +62,4 @@ def test_the_line_says_what_a_picture_took_and_what_is_missing():
     bare = status(1, torch.zeros(3, 8, 20), view(enhanced=None, times=Times(10.0)), Mode("render"))
     assert bare == "**10 ms** (render 10), 20 × 8, frame 1"
     assert "No photo is used here." in status(1, torch.zeros(3, 8, 20), view(references=()), Mode())
-    assert "Nothing of the splat" in status(1, torch.zeros(3, 8, 20), view(depth=torch.zeros(1, 8, 20)), Mode())
+    assert "The splat is not visible" in status(1, torch.zeros(3, 8, 20), view(depth=torch.zeros(1, 8, 20)), Mode())

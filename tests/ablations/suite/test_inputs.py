@@ -92,7 +92,7 @@ def test_scenes_of_table_1_have_photos_four_times_as_fine(root):
         finer = high_resolution_config(scene(f"scene=datasets/{name}", "scene.downscale=4"))
         assert finer.downscale == 1
         assert missing_inputs(finer)[0][0] == root / "mip_nerf_360" / name / "images"
-    with pytest.raises(InputError, match="finer photos exist"):
+    with pytest.raises(InputError, match="photos of 4 times the resolution exist"):
         high_resolution_config(scene("scene=datasets/truck"))
 
 

@@ -130,5 +130,5 @@ def test_weights_of_another_kind_or_design_are_refused(tmp_path):
     design = {"vector": 10**9, "grid": 2, "widths": [8, 8], "blocks": 1, "code_width": 8, "code_blocks": 1}
     metadata = {"format": "gaussian-enhancer simulator 1", "card": "{}", "design": json.dumps(design)}
     save_file(load_file(path), path, metadata)
-    with pytest.raises(InputError, match="no simulator that this version knows"):
+    with pytest.raises(InputError, match="a simulator that this version does not support"):
         load_model(path)
