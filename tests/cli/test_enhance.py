@@ -260,7 +260,7 @@ def test_without_finer_photos_a_run_is_enlarged_all_the_same_and_told_so(plane_r
     run(configured(f"run={plane_run}", f"weights={fine_weights}", f"output={tmp_path / 'out'}", f"runs={tmp_path}"))
     told = capsys.readouterr().err.replace("\n", " ")
     assert "config.yaml: does not exist" in told
-    assert "enlarging without" in told
+    assert "super-resolution without" in told
     assert read_photo(tmp_path / "out/view_000.png").shape == (3, 192, 256)
 
 

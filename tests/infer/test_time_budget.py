@@ -92,7 +92,7 @@ def test_what_cannot_be_kept_is_refused_with_the_fastest(offered, plane_run) -> 
 
 @pytest.mark.parametrize("given_", ["weights=lr_base", "max_references=1", "precision=float32", "tile=512"])
 def test_what_the_budget_decides_cannot_be_given_beside_it(offered, plane_run, given_) -> None:
-    with pytest.raises(InputError, match=f"{given_.split('=')[0]}: is .* beside budget_ms"):
+    with pytest.raises(InputError, match=f"{given_.split('=')[0]}: is .* together with budget_ms"):
         enhanced(offered, plane_run, "budget_ms=33", given_)
 
 

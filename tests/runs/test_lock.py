@@ -49,7 +49,7 @@ def refused(folder, results):
 
 def test_a_second_process_is_refused_and_touches_nothing(other, tmp_path):
     before = sorted(tmp_path.rglob("*"))
-    with pytest.raises(InputError, match="a: is being written by another process; wait until that one ends"):
+    with pytest.raises(InputError, match="a: is being written by another process; wait until that job ends"):
         open_run(run_of(tmp_path / "a"), "toy", "a")
     assert sorted(tmp_path.rglob("*")) == before
     with lock.exclusive(tmp_path / "b"):

@@ -104,7 +104,7 @@ def test_cameras_that_were_given_stay_and_depth_alone_is_swept(corner, tmp_path,
 def test_depth_that_comes_without_cameras_is_left_out_and_said_so(corner):
     rendered = opened(corner)
     given = tuple(replace(view, read_depth=lambda: torch.ones(1, 180, 240)) for view in rendered.targets)
-    assert "given depth is left out" in recover_geometry(replace(rendered, targets=given), corner / "geometry").depth
+    assert "given depth is ignored" in recover_geometry(replace(rendered, targets=given), corner / "geometry").depth
 
 
 def test_geometry_is_missed_only_where_photos_could_use_it(corner):

@@ -48,7 +48,7 @@ def test_cut_connections_are_resumed_from_where_they_broke(tmp_path):
 def test_a_later_run_goes_on_where_an_earlier_one_gave_up(tmp_path):
     with serving(CONTENT, cut_after=[70_000, 0, 0, 0]) as served:
         known = archive(served.url, bytes=len(CONTENT))
-        with pytest.raises(InputError, match=r"broke off 3 times in a row, 70000 bytes.*start again"):
+        with pytest.raises(InputError, match=r"broke off 3 times in a row, 70000 bytes.*run the same command later"):
             fetch(known, tmp_path / "file.zip", patience=QUICK)
         assert not (tmp_path / "file.zip").exists()
         fetch(known, tmp_path / "file.zip", patience=QUICK)
@@ -149,7 +149,7 @@ def test_a_moved_file_is_named_at_once_with_what_to_do(tmp_path, status):
 
 def test_a_web_page_is_no_archive(tmp_path):
     page = serving(b"<html>log in</html>", kind="text/html; charset=utf-8")
-    with page as served, pytest.raises(InputError, match="a web page in place of the archive"):
+    with page as served, pytest.raises(InputError, match="a web page instead of the archive"):
         fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
 
 

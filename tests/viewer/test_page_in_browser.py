@@ -148,9 +148,9 @@ def test_maps_are_shown_instead_of_colours(page):
         return float(np.abs(shown - colours).max(-1).min(-1).mean())
 
     page.choose("enhanced", "depth")
-    page.until(lambda: "Near is light" in page.text and off_map() < 0.05, "the depth map")
+    page.until(lambda: "Light: near" in page.text and off_map() < 0.05, "the depth map")
     page.choose("depth", "enhanced")
-    page.until(lambda: "Near is light" not in page.text and off_map() > 0.05, "the enhanced view")
+    page.until(lambda: "Light: near" not in page.text and off_map() > 0.05, "the enhanced view")
 
 
 def test_other_weights_bring_their_strength(page):

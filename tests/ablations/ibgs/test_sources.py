@@ -125,7 +125,7 @@ def test_what_is_not_known_is_refused():
     blind = dataclasses.replace(target, read_depth=None)
     with pytest.raises(InputError, match="target: has no depth to find"):
         SourceChoice().sources(blind, read_target(blind), ReferencePool([other]))
-    with pytest.raises(InputError, match="other: has no depth to tell"):
+    with pytest.raises(InputError, match="other: has no depth, which visibility requires"):
         SourceChoice().sources(
             target, read_target(target), ReferencePool([dataclasses.replace(other, read_depth=None)])
         )

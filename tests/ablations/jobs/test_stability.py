@@ -46,5 +46,5 @@ def test_what_cannot_be_made_is_refused(tmp_path):
     with pytest.raises(InputError, match="families"):
         stability.run(configured(tmp_path, "families=[splat]"))
     write_records(tmp_path / "r/s.jsonl", [])
-    with pytest.raises(InputError, match="hold no cell"):
+    with pytest.raises(InputError, match="contain no cell"):
         stability.run(configured(tmp_path, "records_only=true"))

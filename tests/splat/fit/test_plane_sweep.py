@@ -65,13 +65,13 @@ def test_cameras_at_one_place_are_refused():
 SMOOTHED = """
 import hashlib
 import numpy as np
-from gaussian_enhancer.splat.fit.plane_sweep_kernels import best_plane, smooth
+from gaussian_enhancer.splat.fit.plane_sweep_kernels import aggregate_costs, best_plane
 generator = np.random.default_rng(0)
 volume, image = generator.random((24, 32, 16), np.float32), generator.random((24, 32, 3), np.float32)
 total, index = np.zeros_like(volume), np.empty((24, 32), np.float32)
-smooth(volume, image, np.float32(0.05), np.float32(0.4), total)
+aggregate_costs(volume, image, np.float32(0.05), np.float32(0.4), total)
 best_plane(total, index)
-print(hashlib.sha256(total.tobytes() + index.tobytes()).hexdigest(), sum(smooth.stats.cache_hits.values()))
+print(hashlib.sha256(total.tobytes() + index.tobytes()).hexdigest(), sum(aggregate_costs.stats.cache_hits.values()))
 """
 
 

@@ -64,7 +64,7 @@ def test_tables_come_in_the_order_of_their_numbers(listed: tuple[TableRecords, .
 def test_what_cannot_be_read_is_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is no folder"):
         read_folder(tmp_path / "none")
-    with pytest.raises(InputError, match="holds no description"):
+    with pytest.raises(InputError, match="contains no description"):
         read_folder(tmp_path)
     write_results(tmp_path)
     (tmp_path / "lonely.jsonl").write_text("")
