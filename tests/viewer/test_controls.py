@@ -36,7 +36,7 @@ def test_the_panel_begins_with_what_was_given_and_follows_what_is_chosen(server,
     changes = []
     controls = Controls(server, session, Mode("wipe", 0.25), lambda: changes.append(1))
     assert controls.mode == Mode("wipe", 0.25)
-    assert controls.choice == dataclasses.replace(session.first, strength=0.5)
+    assert controls.choice == dataclasses.replace(session.initial_choice, strength=0.5)
     controls._mode.value = "side by side"
     controls._references.value = "2"
     controls.strength.value = 0.1

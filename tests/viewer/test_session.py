@@ -27,7 +27,7 @@ def looking(z: float, turned: bool = False) -> Camera:
 
 
 def drawn(session, camera, choice=None, **how) -> StageView:
-    view = session.draw(session.first if choice is None else choice, camera, **how)
+    view = session.draw(session.initial_choice if choice is None else choice, camera, **how)
     assert view is not None
     return view
 
@@ -38,12 +38,12 @@ def test_a_view_is_rendered_and_enhanced_by_the_share_of_the_weights_card(sessio
     assert view.render.shape == view.enhanced.shape == (3, 48, 64)
     inner = (view.enhanced < 1) & (view.enhanced > 0)
     half = (view.enhanced - view.render)[inner]
-    full = drawn(session, looking(0.0), dataclasses.replace(session.first, strength=1.0))
+    full = drawn(session, looking(0.0), dataclasses.replace(session.initial_choice, strength=1.0))
     assert full.enhanced is not None
     whole = (full.enhanced - full.render)[inner]
     assert float(half.mean()) == pytest.approx(float(whole.mean()) / 2, rel=0.1)
     assert float(half.mean()) > 0.01
-    assert session.strength(session.first) == 0.5
+    assert session.strength(session.initial_choice) == 0.5
     assert 1 <= len(view.references) <= 3
     assert view.times.total == view.times.rendering + view.times.preparing + view.times.enhancing
     assert not view.blank
@@ -51,7 +51,7 @@ def test_a_view_is_rendered_and_enhanced_by_the_share_of_the_weights_card(sessio
 
 def test_coverage_is_the_share_of_the_photos_that_show_a_pixel(session):
     camera = looking(0.0)
-    view, stage = drawn(session, camera), session.stage(session.first)
+    view, stage = drawn(session, camera), session.stage(session.initial_choice)
     config = stage.enhancer.reference_config
     target = stage.target("again.png", camera)
     aligned = config.align(read_target(target), target, stage.pool)
@@ -61,12 +61,12 @@ def test_coverage_is_the_share_of_the_photos_that_show_a_pixel(session):
 
 
 def test_the_network_is_left_out_where_it_is_not_needed(session, monkeypatch):
-    stage = session.stage(session.first)
+    stage = session.stage(session.initial_choice)
     monkeypatch.setattr(type(stage.enhancer), "enhance", lambda *_: pytest.fail("the network ran"))
     view = drawn(session, looking(0.0), enhance=False)
     assert view.enhanced is view.coverage is None
     assert view.times.enhancing == 0
-    assert session.draw(session.first, looking(0.0), superseded=lambda: True) is None
+    assert session.draw(session.initial_choice, looking(0.0), superseded=lambda: True) is None
 
 
 @pytest.mark.parametrize("camera", [looking(3.0), looking(2.9999), looking(0.0, turned=True), looking(1e6)])
@@ -85,7 +85,7 @@ def test_a_camera_that_looks_away_sees_nothing_and_changes_nothing(session):
 
 
 def test_the_nearest_photo_is_that_of_its_own_camera(session):
-    stage = session.stage(session.first)
+    stage = session.stage(session.initial_choice)
     for view in stage.pool.views:
         found = stage.nearest_photo(PageCamera.of(view.camera).to_camera(64))
         assert found is not None
@@ -95,50 +95,50 @@ def test_the_nearest_photo_is_that_of_its_own_camera(session):
 def test_plans_of_past_views_are_forgotten(session):
     for _ in range(3):
         drawn(session, looking(0.0))
-    planner = session.stage(session.first).planner
+    planner = session.stage(session.initial_choice).planner
     assert planner is not None
     assert not planner.known
 
 
 def test_the_number_of_references_is_chosen(session):
-    one = drawn(session, looking(0.0), dataclasses.replace(session.first, max_references=1))
+    one = drawn(session, looking(0.0), dataclasses.replace(session.initial_choice, max_references=1))
     assert len(one.references) == 1
-    none = drawn(session, looking(0.0), dataclasses.replace(session.first, max_references=0))
+    none = drawn(session, looking(0.0), dataclasses.replace(session.initial_choice, max_references=0))
     assert none.references == ()
 
 
 def test_stages_are_kept_and_the_oldest_is_dropped(session):
-    first = session.stage(session.first)
-    assert session.stage(dataclasses.replace(session.first, strength=0.1)) is first
+    first = session.stage(session.initial_choice)
+    assert session.stage(dataclasses.replace(session.initial_choice, strength=0.1)) is first
     assert first.enhancer.strength == 0.1
-    assert session.strength(session.first) == 0.5
-    others = [dataclasses.replace(session.first, max_references=count) for count in range(STAGE_CACHE_SIZE)]
+    assert session.strength(session.initial_choice) == 0.5
+    others = [dataclasses.replace(session.initial_choice, max_references=count) for count in range(STAGE_CACHE_SIZE)]
     for choice in others:
         session.stage(choice)
     assert session.stage(others[-1]) is session.stage(others[-1])
-    assert session.stage(session.first) is not first
+    assert session.stage(session.initial_choice) is not first
 
 
 def test_another_splat_of_the_same_capture_brings_its_own_renders(configured, viewed):
     session = open_session(configured(f"distilled={viewed / 'distilled.ply'}"), CPU)
     assert session.choices.splats == (RAW, DISTILLED)
-    assert session.first.splat == DISTILLED
+    assert session.initial_choice.splat == DISTILLED
     assert open_session(configured(f"distilled={viewed}"), CPU).choices.splats == (RAW, DISTILLED)
-    raw = dataclasses.replace(session.first, splat=RAW)
+    raw = dataclasses.replace(session.initial_choice, splat=RAW)
     ours, other = drawn(session, looking(0.0)), drawn(session, looking(0.0), raw)
     assert float((ours.render - other.render).abs().mean()) > 0.01
-    renders = [session.stage(choice).pool.read(0).render for choice in (session.first, raw)]
+    renders = [session.stage(choice).pool.read(0).render for choice in (session.initial_choice, raw)]
     assert float((renders[0] - renders[1]).abs().mean()) > 0.01
-    assert torch.equal(*(session.stage(choice).pool.read(0).image for choice in (session.first, raw)))
+    assert torch.equal(*(session.stage(choice).pool.read(0).image for choice in (session.initial_choice, raw)))
 
 
 def test_what_is_offered(configured):
     session = open_session(configured("plan.margin=8", "strength=0.25", "max_references=2"), CPU)
     assert list(session.choices.plans) == [CONFIGURED_PLAN, "auto", "full"]
     assert session.choices.plans[CONFIGURED_PLAN].margin == 8
-    assert session.first.strength == session.strength(session.first) == 0.25
-    assert session.first.max_references == 2
-    assert set(session.choices.weights) >= {"lr_tiny", "lr_base", session.first.weights}
+    assert session.initial_choice.strength == session.strength(session.initial_choice) == 0.25
+    assert session.initial_choice.max_references == 2
+    assert set(session.choices.weights) >= {"lr_tiny", "lr_base", session.initial_choice.weights}
     assert list(open_session(configured("plan=full"), CPU).choices.plans) == ["full", "auto"]
 
 

@@ -103,7 +103,7 @@ class _DistilState:
         input_identity: str,
     ) -> None:
         self.capture, self.enhancer, self.folder, self.settings = capture, enhancer, folder, settings
-        self.made_of = input_identity
+        self.input_identity = input_identity
         self.initial_renderer = start
         self.photos = TrainingPhotos(capture, self.initial_renderer.gaussians.means.device)
         self.views: EnhancedViews | None = None
@@ -200,4 +200,4 @@ class _DistilState:
     def _identity(self) -> str:
         """Description of the run, which must equal that in a checkpoint to be resumed."""
         description = f"{self.capture.name}, {len(self.photos)} photos, {self.initial_renderer.method}, {self.settings}"
-        return f"{description}, {self.made_of}" if self.made_of else description
+        return f"{description}, {self.input_identity}" if self.input_identity else description

@@ -148,7 +148,7 @@ class _LazyRender:
     """One render whose colour, depth and opacity are read separately; each part is freed once it is read."""
 
     def __init__(self, draw: Callable[[], Render], part_names: tuple[str, ...]) -> None:
-        self.draw, self.wanted = draw, part_names
+        self.draw, self.part_names = draw, part_names
         self.parts: dict[str, Tensor] = {}
 
     def colour(self) -> Float[Tensor, "3 h w"]:
@@ -166,5 +166,5 @@ class _LazyRender:
     def _part(self, name: str) -> Tensor:
         if name not in self.parts:
             render = self.draw()
-            self.parts = {part: getattr(render, part) for part in self.wanted}
+            self.parts = {part: getattr(render, part) for part in self.part_names}
         return self.parts.pop(name)

@@ -129,22 +129,22 @@ class BalancedDraw(Sampler[tuple[int, int]]):
         simulated: Callable[[int], bool] = never_simulated,
         count_used: Callable[[], int] | None = None,
     ) -> None:
-        self.sizes, self.count, self.seed, self.passes, self.drawn = list(sizes), count, seed, 0, count_used
-        self.further = list(extra_sizes) or [0] * len(self.sizes)
+        self.sizes, self.count, self.seed, self.passes, self.count_used = list(sizes), count, seed, 0, count_used
+        self.extra_sizes = list(extra_sizes) or [0] * len(self.sizes)
         self.simulated = simulated
 
     def __len__(self) -> int:
         return self.count
 
     def __iter__(self) -> Iterator[tuple[int, int]]:
-        epoch, used = divmod(self.drawn() if self.drawn is not None else self.passes * self.count, self.count)
+        epoch, used = divmod(self.count_used() if self.count_used is not None else self.passes * self.count, self.count)
         generator = torch.Generator().manual_seed(1_000_003 * (self.seed + epoch))
         self.passes += 1
-        starts = [sum(self.sizes[:i]) + sum(self.further[:i]) for i in range(len(self.sizes))]
+        starts = [sum(self.sizes[:i]) + sum(self.extra_sizes[:i]) for i in range(len(self.sizes))]
         for position in range(self.count):
             source, seed = torch.randint(2**31, (2,), generator=generator).tolist()
             choice = int(torch.randint(2**31, (), generator=generator))
             source %= len(self.sizes)
-            size = self.sizes[source] + (self.further[source] if self.simulated(seed) else 0)
+            size = self.sizes[source] + (self.extra_sizes[source] if self.simulated(seed) else 0)
             if position >= used:
                 yield starts[source] + choice % size, seed

@@ -29,7 +29,7 @@ class Controls:
     """
 
     def __init__(self, server: Any, session: Session, mode: Mode, on_change: Callable[[], None]) -> None:
-        gui, initial = server.gui, session.first
+        gui, initial = server.gui, session.initial_choice
         self.status = gui.add_markdown("Waiting for the first picture.")
         with gui.add_folder("Show"):
             names = [_label(name) for name in MODES]

@@ -77,14 +77,14 @@ class Page:
     def __init__(
         self, server: Any, session: Session, saved: SavedFiles, settings: PageSettings, notify: Callable[[str], None]
     ) -> None:
-        self.server, self.session, self.saved, self.settings, self.told = server, session, saved, settings, notify
+        self.server, self.session, self.saved, self.settings, self.notify = server, session, saved, settings, notify
         self.worker = Worker(self._draw_or_notify)
         self.controls = Controls(server, session, settings.mode, self._on_change)
         self._bind()
         self._shown: dict[Hashable, _ShownPicture] = {}
         self._refused: defaultdict[Hashable, set[str]] = defaultdict(set)
         self._path_cameras: list[PageCamera] = []
-        self._frame, self._weights = 0, session.first.weights
+        self._frame, self._weights = 0, session.initial_choice.weights
         self._photo: RenderedView | None = None
         server.on_client_connect(self._on_connect)
         server.on_client_disconnect(self._on_disconnect)
@@ -165,7 +165,7 @@ class Page:
         """
         choice = self.controls.choice
         if choice.weights != self._weights:
-            default_strength = self.session.strength(replace(choice, strength=self.session.first.strength))
+            default_strength = self.session.strength(replace(choice, strength=self.session.initial_choice.strength))
             self._weights = choice.weights
             self.controls.strength.value = default_strength
             choice = replace(choice, strength=default_strength)
@@ -233,7 +233,7 @@ class Page:
 
     def _note(self, client: Any, line: str) -> None:
         client.add_notification("gaussian-enhancer", line, auto_close_seconds=SHOWN_SECONDS)
-        self.told(line)
+        self.notify(line)
 
 
 def _page_camera(client: Any) -> PageCamera:

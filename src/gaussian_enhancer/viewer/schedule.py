@@ -47,7 +47,7 @@ class ViewSchedule:
     """
 
     def __init__(self, settle_seconds: float = SETTLE_SECONDS) -> None:
-        self.settled = settle_seconds
+        self.settle_seconds = settle_seconds
         self._pending: dict[Hashable, _PendingViews] = {}
         self._versions: dict[Hashable, int] = {}
 
@@ -67,7 +67,7 @@ class ViewSchedule:
             viewer: the viewer.
             now: the present time.
         """
-        self._pending[viewer] = _PendingViews(True, now + self.settled, self._next(viewer))
+        self._pending[viewer] = _PendingViews(True, now + self.settle_seconds, self._next(viewer))
 
     def content_changed(self, viewer: Hashable, now: float) -> None:
         """Register a change of what is shown, with the same camera.
@@ -81,7 +81,7 @@ class ViewSchedule:
         """
         pending = self._pending.get(viewer)
         moving = pending is not None and pending.small
-        self._pending[viewer] = _PendingViews(moving, now + self.settled if moving else now, self._next(viewer))
+        self._pending[viewer] = _PendingViews(moving, now + self.settle_seconds if moving else now, self._next(viewer))
 
     def remove_viewer(self, viewer: Hashable) -> None:
         """Remove a viewer that disconnected."""

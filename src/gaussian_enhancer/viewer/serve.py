@@ -92,7 +92,7 @@ def focus_distance(session: Session, camera: PageCamera) -> float:
         camera: camera of the page.
     """
     picture_camera: Camera = camera.to_camera(DEPTH_RENDER_WIDTH)
-    view = session.draw(session.first, picture_camera, enhance=False)
+    view = session.draw(session.initial_choice, picture_camera, enhance=False)
     if view is None:
         raise ValueError("a view that nothing takes the place of is drawn")
     height, width = view.depth.shape[-2:]

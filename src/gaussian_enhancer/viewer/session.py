@@ -73,7 +73,7 @@ class Session:
         initial_choice: SessionChoice,
         open_stage: Callable[[SessionChoice], Stage],
     ) -> None:
-        self.name, self.cameras, self.choices, self.first = name, tuple(cameras), choices, initial_choice
+        self.name, self.cameras, self.choices, self.initial_choice = name, tuple(cameras), choices, initial_choice
         self._open = open_stage
         self._stages: OrderedDict[tuple[object, ...], tuple[Stage, float]] = OrderedDict()
 

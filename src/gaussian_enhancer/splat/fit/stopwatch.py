@@ -26,14 +26,14 @@ class Stopwatch:
     """
 
     def __init__(self, enabled: bool = False) -> None:
-        self.on = enabled
+        self.enabled = enabled
         self.seconds: dict[str, float] = {}
         self.steps = 0
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
         """Add the run time of a block to a phase."""
-        if not self.on:
+        if not self.enabled:
             yield
             return
         start = _now()
@@ -44,7 +44,7 @@ class Stopwatch:
     def time_render_parts(self) -> Iterator[None]:
         """Measure the parts of the renderer while the block runs."""
         with ExitStack() as stack:
-            if self.on:
+            if self.enabled:
                 for name, parts in RENDER_PARTS.items():
                     for part in parts:
                         target = f"gaussian_enhancer.splat.{part}"
