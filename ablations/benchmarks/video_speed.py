@@ -51,15 +51,15 @@ class Bench:
 
     def fresh(self, pool: ReferencePool | None = None) -> Film:
         """A film without finished frames and, unless a pool is given, without references in memory."""
-        views = self.filmed.found.pool.views
-        found = replace(self.filmed.found, pool=ReferencePool(views) if pool is None else pool)
+        views = self.filmed.validated.pool.views
+        validated = replace(self.filmed.validated, pool=ReferencePool(views) if pool is None else pool)
         enhancer = self.filmed.enhancer
         if isinstance(enhancer.reference_config, PathReferences):
             enhancer.reference_config.kept.clear()
         place = Path(tempfile.mkdtemp(dir=self.folder))
         shows = self.output.layout.needs_render
-        planner = found.planner(self.rules)
-        return Film(enhancer, self.filmed.task.rendered, planner, found.pool, FrameFolder(place), shows)
+        planner = validated.planner(self.rules)
+        return Film(enhancer, self.filmed.task.rendered, planner, validated.pool, FrameFolder(place), shows)
 
     def encode(self, film: Film, frames: Iterable[Frame]) -> None:
         """Encode frames as the job does."""
@@ -79,7 +79,7 @@ def measured(bench: Bench, rounds: int) -> dict[str, Timing]:
         bench: the film.
         rounds: number of rounds, in turn, after one that is not counted.
     """
-    pool = ReferencePool(bench.filmed.found.pool.views, capacity=len(bench.filmed.found.pool.views))
+    pool = ReferencePool(bench.filmed.validated.pool.views, capacity=len(bench.filmed.validated.pool.views))
     drawn = list(bench.fresh(pool).draw_frames())
     frames = list(bench.fresh(pool).enhance_frames(drawn))
 

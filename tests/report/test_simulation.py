@@ -97,7 +97,7 @@ def test_steps_are_told_in_their_order() -> None:
 
 def test_stage_two_is_drawn_from_one_stage_one() -> None:
     photo, real = view(), torch.zeros(1, 3, 24, 32)
-    section = generator_section(photo, Simulator(RandomGate(), Doubled()), 0, real, seeds=3)
+    section = generator_section(photo, Simulator(RandomGate(), Doubled()), 0, real, draws=3)
     images = dict(zip(section.rows[0].captions, section.rows[0].images, strict=True))
     first, manual, *drawn, last = images.values()
     assert torch.equal(first, photo.image[0])

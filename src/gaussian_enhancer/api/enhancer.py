@@ -160,21 +160,21 @@ class Enhancer:
                 instance that the depth does not fit the renders.
         """
         images, kind = read_images("render", render)
-        known = self._known_references(references)
+        known_references = self._known_references(references)
         targets = self._target_views(images, kind.batch, camera, depth, alpha, name)
-        self._check_geometry(targets, known)
-        rendered = RenderedSet("input", targets, known.views, self.background, known.depth_fits)
+        self._check_geometry(targets, known_references)
+        rendered = RenderedSet("input", targets, known_references.views, self.background, known_references.depth_fits)
         config, rules = self.reference_config, self.options.rules
-        if not known.views:
+        if not known_references.views:
             config = EnhancementOptions(max_references=0).reference_config(self.pretrained, "expected")
-        validated = validate_inputs(rendered, config, rules, self.scale, known.pool)
+        validated = validate_inputs(rendered, config, rules, self.scale, known_references.pool)
         if validated.missing_references:
             reasons = [item.why for item in validated.parts if not item.used and item.name in WARNED_INPUTS]
             warnings.warn("; ".join(filter(None, reasons)), stacklevel=2)
-        self._cache_references(known, validated)
+        self._cache_references(known_references, validated)
         self._set_enhancer.reference_config = validated.reference_config
-        planner = known.planner if known.planner is not None else validated.planner(rules)
-        enhanced = self._set_enhancer(validated.rendered, planner, validated.pool, known.features)
+        planner = known_references.planner if known_references.planner is not None else validated.planner(rules)
+        enhanced = self._set_enhancer(validated.rendered, planner, validated.pool, known_references.features)
         result = torch.stack([item.image for item in enhanced])
         if planner is not None:
             planner.known.clear()
@@ -209,7 +209,7 @@ class Enhancer:
         return tuple(
             RenderedView(
                 names[i],
-                lambda i=i: images[i],  # type: ignore[misc]
+                _reader(images, i),
                 None if cameras[i] is None else sized_camera(cameras[i], height, width, "camera"),
                 _reader(depth_and_alpha["depth"], i),
                 _reader(depth_and_alpha["alpha"], i),
@@ -217,40 +217,43 @@ class Enhancer:
             for i in range(count)
         )
 
-    def _check_geometry(self, targets: Sequence[RenderedView], known: KnownReferences) -> None:
+    def _check_geometry(self, targets: Sequence[RenderedView], known_references: KnownReferences) -> None:
         """Refuse references that cannot be reprojected because a camera or depth is missing.
 
         Raises:
             InputError: a camera or depth is missing.
         """
         config = self.reference_config
-        if not known.views or not config.references or not isinstance(config.warp, Reprojected):
+        if not known_references.views or not config.references or not isinstance(config.warp, Reprojected):
             return
         for view in targets:
             for name, value in (("camera", view.camera), ("depth", view.read_depth)):
                 if value is None:
                     remedy = f"give {name}=, or references=[] to enhance from the render alone"
                     raise InputError(view.name, f"has references but no {name} to reproject them by", remedy)
-        without_camera = next((view.name for view in known.views if view.camera is None), None)
+        without_camera = next((view.name for view in known_references.views if view.camera is None), None)
         if without_camera is not None:
             raise InputError(f"reference {without_camera}", "has no camera", "give Reference(photo, camera, ...)")
 
-    def _cache_references(self, known: KnownReferences, found: ValidatedInputs) -> None:
+    def _cache_references(self, known_references: KnownReferences, validated: ValidatedInputs) -> None:
         """Cache what later calls with the same references can reuse."""
-        if found.pool is not known.pool:
-            known.planner = None  # depth was refused in this call, including that of the references
+        if validated.pool is not known_references.pool:
+            known_references.planner = None  # depth was refused in this call, including that of the references
             return
-        known.depth_fits = bool(known.views) and self.options.rules.depth == "auto"
-        if known.planner is None and not self.options.rules.full:
-            known.planner = Planner(self.options.rules, found.reference_config, found.rendered, pool=known.pool)
+        known_references.depth_fits = bool(known_references.views) and self.options.rules.depth == "auto"
+        if known_references.planner is None and not self.options.rules.full:
+            known_references.planner = Planner(
+                self.options.rules, validated.reference_config, validated.rendered, pool=known_references.pool
+            )
         network = self.pretrained.network
-        unwarped = isinstance(found.reference_config.warp, Unwarped)
-        if known.features is None and isinstance(network, CachesReferences) and unwarped:
-            known.features = ReferenceFeatures(network)
+        unwarped = isinstance(validated.reference_config.warp, Unwarped)
+        if known_references.features is None and isinstance(network, CachesReferences) and unwarped:
+            known_references.features = ReferenceFeatures(network)
 
 
-def _reader(planes: Tensor | None, index: int) -> Any:
-    return None if planes is None else lambda: planes[index]
+def _reader(batch: Tensor | None, index: int) -> Any:
+    """A function that returns one item of a batch; None if there is no batch."""
+    return None if batch is None else lambda: batch[index]
 
 
 def _device(device: str | torch.device | None) -> torch.device:

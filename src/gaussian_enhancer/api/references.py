@@ -150,19 +150,19 @@ def _view(reference: Reference, name: str, fine: bool) -> RenderedView:
     )
 
 
-def _size(image: Any, what: str, name: str) -> tuple[int, int]:
-    """Validate one image or map and return its height and width."""
-    subject = f"{what} of reference {name}".rstrip()
-    if what == "depth":
+def _size(image: Any, kind: str, name: str) -> tuple[int, int]:
+    """Validate the photo, render or depth of a reference and return its height and width."""
+    subject = f"{kind} of reference {name}".rstrip()
+    if kind == "depth":
         height, width = read_planes(subject, image, batch=False).shape[-2:]
         return height, width
-    images, kind = read_images(subject, image)
-    if kind.batch:
+    images, image_kind = read_images(subject, image)
+    if image_kind.batch:
         raise InputError(subject, f"has shape {tuple(image.shape)}", "give one image, without a batch axis")
     return images.shape[-2], images.shape[-1]
 
 
-def _same_aspect(size: tuple[int, int], other: tuple[int, int]) -> bool:
+def _same_aspect(size: tuple[int, int], other_size: tuple[int, int]) -> bool:
     """Whether two sizes (height, width) have the same aspect ratio, up to rounding."""
-    ratio = min(size[0] / other[0], size[1] / other[1])
-    return abs(size[0] - other[0] * ratio) <= 1 and abs(size[1] - other[1] * ratio) <= 1
+    scale = min(size[0] / other_size[0], size[1] / other_size[1])
+    return abs(size[0] - other_size[0] * scale) <= 1 and abs(size[1] - other_size[1] * scale) <= 1

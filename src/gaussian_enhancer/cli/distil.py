@@ -1,6 +1,7 @@
 """The job ``distil``: improve a splat by training on enhanced views, by pruning, or by both."""
 
 import time
+from functools import partial
 
 from omegaconf import DictConfig
 from rich.console import Console
@@ -72,7 +73,7 @@ def _run_distillation(
         enhancer,
         job.folder,
         progress=cfg.runtime.progress,
-        on_pruned=lambda found: print_line(console, found),
+        on_pruned=partial(print_line, console),
     )
     seconds = time.monotonic() - started
     step = 1 if task.settings is None else task.settings.steps

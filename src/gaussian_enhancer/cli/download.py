@@ -9,7 +9,7 @@ from omegaconf import DictConfig
 from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn, TransferSpeedColumn
 
-from gaussian_enhancer.console import print_line
+from gaussian_enhancer.console import hides_progress, print_line
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import plain_values, require
 from gaussian_enhancer.scene.checksum import check_archive
@@ -36,21 +36,22 @@ def run(cfg: DictConfig) -> None:
     require(cfg)
     dataset = dataset_of(plain_values(cfg.dataset))
     folder = Path(cfg.folder).expanduser()
-    wanted = requested_scenes(dataset, folder, _names(cfg, "scenes"), _names(cfg, "images"))
-    for line in listing(dataset, folder, wanted):
+    requests = requested_scenes(dataset, folder, _names(cfg, "scenes"), _names(cfg, "images"))
+    for line in listing(dataset, folder, requests):
         print(line)
     if cfg.dry_run:
         return
     console = Console(stderr=True)
-    with _progress(console, bool(cfg.runtime.progress)) as progress:
-        for archive in needed_archives(dataset, wanted):
-            _fetch(cfg, dataset, archive, folder / "archives" / archive.file, progress)
-            for name, scene in wanted.items():
-                if dataset.archives[scene.scene.archive] == archive:
-                    _unpack(scene, name, folder / "archives" / archive.file, progress)
+    with _progress(console, hides_progress(cfg, console)) as progress:
+        for archive in needed_archives(dataset, requests):
+            archive_path = folder / "archives" / archive.file
+            _fetch(cfg, dataset, archive, archive_path, progress)
+            for name, request in requests.items():
+                if dataset.archives[request.scene.archive] == archive:
+                    _unpack(request, name, archive_path, progress)
             if not cfg.keep_archives:
-                (folder / "archives" / archive.file).unlink()
-    print_line(console, f"{dataset.title}: {len(wanted)} scenes in {folder / dataset.name}")
+                archive_path.unlink()
+    print_line(console, f"{dataset.title}: {len(requests)} scenes in {folder / dataset.name}")
 
 
 def _fetch(cfg: DictConfig, dataset: Dataset, archive: Archive, path: Path, progress: Progress) -> None:
@@ -60,23 +61,22 @@ def _fetch(cfg: DictConfig, dataset: Dataset, archive: Archive, path: Path, prog
         check_archive(archive, path, path)
         return
     task = progress.add_task(archive.file, total=archive.bytes)
-    patience = RetrySettings(retries=cfg.retries, timeout=cfg.timeout)
     digest = fetch(
         archive,
         path,
         page=dataset.page,
-        patience=patience,
+        patience=RetrySettings(retries=cfg.retries, timeout=cfg.timeout),
         advance=lambda done, total: progress.update(task, completed=done, total=total),
     )
     print_line(progress.console, f"{path}: SHA-256 {digest}, {checksum_note(archive)}")
 
 
-def _unpack(entry: RequestedScene, name: str, archive: Path, progress: Progress) -> None:
-    task = progress.add_task(name, total=None, visible=bool(entry.missing_parts))
-    unpack(archive, entry.parts, entry.folder, lambda done, total: progress.update(task, completed=done, total=total))
+def _unpack(scene: RequestedScene, name: str, archive: Path, progress: Progress) -> None:
+    task = progress.add_task(name, total=None, visible=bool(scene.missing_parts))
+    unpack(archive, scene.parts, scene.folder, lambda done, total: progress.update(task, completed=done, total=total))
 
 
-def _progress(console: Console, shown: bool) -> Progress:
+def _progress(console: Console, hidden: bool) -> Progress:
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -84,7 +84,7 @@ def _progress(console: Console, shown: bool) -> Progress:
         TransferSpeedColumn(),
         TimeRemainingColumn(),
     )
-    return Progress(*columns, console=console, disable=not (shown and console.is_terminal))
+    return Progress(*columns, console=console, disable=hidden)
 
 
 def _names(cfg: DictConfig, key: str) -> tuple[str, ...] | None:

@@ -60,13 +60,14 @@ def run(cfg: DictConfig) -> float | None:
         read_file()
     plan = Plan(task.rendered.name, rules, validated.parts, () if planner is None else tuple(planner.known.values()))
     notes = validated.missing_references if rules.full and not cfg.dry_run else (plan.table(),)
-    _print_lines([task.note, *notes], Console() if cfg.dry_run else console)
+    for line in filter(None, (task.note, *notes)):
+        print_line(Console() if cfg.dry_run else console, line)
     for warning in lost_references(enhancer, task, validated):
         console.print(f"WARNING: {warning}", style="bold red", highlight=False, soft_wrap=True, markup=False)
     if cfg.dry_run:
         return None
 
-    def written_to(folder: Path) -> list[EnhancedView]:
+    def write_enhanced_to(folder: Path) -> list[EnhancedView]:
         total = len(task.rendered.targets)
         if min(count, total) > 1:
             from gaussian_enhancer.cli.distributed_enhance import enhance_in_processes  # loads lightning
@@ -77,16 +78,14 @@ def run(cfg: DictConfig) -> float | None:
         return write_enhanced(tracked, folder, task.rendered, enhancer.network.scale)
 
     if cfg.output:
-        return _print_summary(written_to(Path(cfg.output)), Path(cfg.output), console)
+        return _print_summary(write_enhanced_to(Path(cfg.output)), Path(cfg.output), console)
     job = open_run(effective_options(cfg), "enhance", task.rendered.name)
     step_folder = job.folder / "test" / f"ours_{task.step}"
-    enhanced_views = written_to(step_folder / "enhanced")
+    enhanced_views = write_enhanced_to(step_folder / "enhanced")
     write_sources(task.rendered, step_folder, enhancer.network.scale)
     write_records(job.folder / "records.jsonl", cost_records(enhanced_views, job.folder.name, task))
-    view_plans = tuple(
-        view.plan for view in enhanced_views if view.plan is not None
-    )  # several processes return no plans
-    replace(plan, views=view_plans or plan.views).to_file(job.folder / "plan.json")
+    view_plans = tuple(view.plan for view in enhanced_views if view.plan is not None)
+    replace(plan, views=view_plans or plan.views).to_file(job.folder / "plan.json")  # several processes return no plans
     job.finish()
     return _print_summary(enhanced_views, job.folder, console)
 
@@ -115,20 +114,14 @@ def _with_distilled_splat(cfg: DictConfig) -> DictConfig:
     return distilled_cfg
 
 
-def _print_lines(lines: Sequence[str], console: Console) -> None:
-    for line in filter(None, lines):
-        print_line(console, line)
-
-
-def _print_summary(written: Sequence[EnhancedView], folder: Path, console: Console) -> float:
+def _print_summary(views: Sequence[EnhancedView], folder: Path, console: Console) -> float:
     """Print the images' folder and the run times; return the network's median time in milliseconds."""
-    network_ms = statistics.median(view.enhancing for view in written)
-    preparation_ms = statistics.median(view.preparing for view in written)
-    unchanged = sum(view.unchanged for view in written)
+    network_ms = statistics.median(view.enhancing for view in views)
+    preparation_ms = statistics.median(view.preparing for view in views)
+    unchanged = sum(view.unchanged for view in views)
     if unchanged:
         reason = "no photo shows anything of them, or the splat was fitted to them and is nearer to their photos"
-        line = f"{unchanged} of {len(written)} views are as they were rendered: {reason}"
-        print_line(console, line)
+        print_line(console, f"{unchanged} of {len(views)} views are as they were rendered: {reason}")
     times = f"{network_ms:.0f} ms each (median) and {preparation_ms:.0f} ms for its references"
-    print_line(console, f"{folder}: {len(written)} images, {times}")
+    print_line(console, f"{folder}: {len(views)} images, {times}")
     return network_ms

@@ -20,39 +20,39 @@ def help_text(job: str, words: Sequence[str], conf: Path) -> str:
         words: the other command-line arguments; ``splat=2dgs`` among them shows the options of that choice.
         conf: the folder of configurations.
     """
-    head, defaults, body = _parts((conf / f"{job}.yaml").read_text(encoding="utf-8"))
-    _, _, base = _parts((conf / "base.yaml").read_text(encoding="utf-8"))
+    description, defaults, body = _split((conf / f"{job}.yaml").read_text(encoding="utf-8"))
+    _, _, base_body = _split((conf / "base.yaml").read_text(encoding="utf-8"))
     overrides = dict(word.split("=", 1) for word in words if "=" in word)
     groups = [(group, overrides.get(group, choice), comment) for group, choice, comment in _groups(defaults, conf)]
     body = body.split("\nhydra:")[0]
-    parts = [USAGE.format(job=job), head, _section(f"options of {job}, with their defaults", body)]
+    sections = [USAGE.format(job=job), description, _section(f"options of {job}, with their defaults", body)]
     if groups:
-        parts.append(_section("groups: GROUP=CHOICE selects a file of options", "\n".join(_choices(groups, conf))))
+        sections.append(_section("groups: GROUP=CHOICE selects a file of options", "\n".join(_choices(groups, conf))))
     for group, choice, _ in groups:
         file = conf / group / f"{choice}.yaml"
         if file.is_file():
-            description, _, options = _parts(file.read_text(encoding="utf-8"))
-            parts.append(_section(f"options of {group}={choice}", f"{description}\n{options}".strip()))
+            choice_description, _, options = _split(file.read_text(encoding="utf-8"))
+            sections.append(_section(f"options of {group}={choice}", f"{choice_description}\n{options}".strip()))
     job_options = {line.partition(":")[0] for line in body.splitlines()} - {"runtime"}
     shared_lines = [
-        line for line in base.split("\nhydra:")[0].splitlines() if line.partition(":")[0] not in job_options
+        line for line in base_body.split("\nhydra:")[0].splitlines() if line.partition(":")[0] not in job_options
     ]
-    parts.append(_section("options of every job", "\n".join(shared_lines)))
-    return "\n".join(part for part in parts if part)
+    sections.append(_section("options of every job", "\n".join(shared_lines)))
+    return "\n".join(filter(None, sections))
 
 
-def _parts(text: str) -> tuple[str, str, str]:
+def _split(text: str) -> tuple[str, str, str]:
     """Split a configuration file into its leading comments without ``#``, its defaults list, and the rest."""
     lines = text.splitlines()
     count = next((i for i, line in enumerate(lines) if not line.startswith("#")), len(lines))
-    head = "".join(line.removeprefix("#").removeprefix(" ") + "\n" for line in lines[:count])
-    rest, defaults = lines[count:], []
-    if rest and rest[0].startswith("defaults:"):
-        defaults.append(rest.pop(0))
-        while rest and rest[0].startswith((" ", "-", "#")):
-            defaults.append(rest.pop(0))
-    body = "\n".join(line for line in rest if not line.lstrip().startswith(("_target_:", "this_run:")))
-    return head, "\n".join(defaults), body.strip("\n")
+    description = "".join(line.removeprefix("#").removeprefix(" ") + "\n" for line in lines[:count])
+    body_lines, defaults = lines[count:], []
+    if body_lines and body_lines[0].startswith("defaults:"):
+        defaults.append(body_lines.pop(0))
+        while body_lines and body_lines[0].startswith((" ", "-", "#")):
+            defaults.append(body_lines.pop(0))
+    body = "\n".join(line for line in body_lines if not line.lstrip().startswith(("_target_:", "this_run:")))
+    return description, "\n".join(defaults), body.strip("\n")
 
 
 def _groups(defaults: str, conf: Path) -> Iterator[tuple[str, str, str]]:

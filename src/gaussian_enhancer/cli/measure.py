@@ -11,7 +11,6 @@ from gaussian_enhancer.console import hides_progress
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.comparison import (
-    Comparison,
     Table,
     VariantPair,
     compare,
@@ -46,7 +45,8 @@ def run(cfg: DictConfig) -> float | None:
     """
     records, folder = write_measurement(cfg)
     pairs = _pairs(records)
-    _print_summary(records, _tables(records, pairs)["summary"], folder)
+    print(_tables(records, pairs)["summary"].markdown(), end="")
+    print(f"{len(records)} records in {folder / 'records.jsonl'}")
     return _score(records, pairs)
 
 
@@ -102,8 +102,8 @@ def _measure(
 ) -> tuple[Record, ...]:
     steps = measure_files(files, distances, background_colour(cfg.background))
     console = Console(stderr=True)
-    progress_hidden = hides_progress(cfg, console)
-    return tuple(track(steps, "measuring", total=len(files), console=console, disable=progress_hidden))
+    hidden = hides_progress(cfg, console)
+    return tuple(track(steps, "measuring", total=len(files), console=console, disable=hidden))
 
 
 def _tables(records: Sequence[Record], pairs: Sequence[VariantPair]) -> dict[str, Table]:
@@ -112,15 +112,9 @@ def _tables(records: Sequence[Record], pairs: Sequence[VariantPair]) -> dict[str
     return {"summary": mean_table(records), "views": record_table(records)}
 
 
-def _print_summary(records: Sequence[Record], table: Table, folder: Path) -> None:
-    """Print a table of means, with the reasons for missing values, and the path of the records."""
-    print(table.markdown(), end="")
-    print(f"{len(records)} records in {folder / 'records.jsonl'}")
-
-
 def _score(records: Sequence[Record], pairs: Sequence[VariantPair]) -> float | None:
     if pairs:
-        comparison: Comparison = compare(pairs, "psnr_aligned")
+        comparison = compare(pairs, "psnr_aligned")
         return comparison.gain if comparison.count else None
     values = [record.metrics["psnr_aligned"] for record in records]
     finite = [value for value in values if value is not None and value != float("inf")]

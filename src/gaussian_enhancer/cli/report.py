@@ -16,7 +16,7 @@ def output_path(cfg: DictConfig) -> Path:
     return Path(cfg.output or cfg.measured)
 
 
-def run(cfg: DictConfig) -> float | None:
+def run(cfg: DictConfig) -> None:
     """Write ``report.html``, and ``contact_sheet.png`` if it is requested.
 
     Args:
@@ -27,11 +27,10 @@ def run(cfg: DictConfig) -> float | None:
     """
     require(cfg)
     measured_run = open_measured(cfg.measured)
-    path = Path(cfg.output or measured_run.folder) / "report.html"
+    path = output_path(cfg) / "report.html"
     write_page(path, measured_run, title=cfg.title, most_pictured=cfg.most_pictured)
     console = Console(stderr=True)
     print_line(console, f"{path}: {len(measured_run.views)} views")
     if cfg.contact_sheet:
         with atomic_write(path.with_name("contact_sheet.png")) as temporary:
             write_contact_sheet(temporary, measured_run.views)
-    return None

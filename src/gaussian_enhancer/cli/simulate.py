@@ -26,7 +26,6 @@ from gaussian_enhancer.runs.simulation import (
     choose_gate,
     choose_photo,
     gates_to_show,
-    integer_option,
     read_fitted_run,
     run_fingerprint,
 )
@@ -35,7 +34,7 @@ PICTURED = 20
 """Maximum number of samples shown on the page; all samples are written."""
 
 
-def run(cfg: DictConfig) -> float | None:
+def run(cfg: DictConfig) -> None:
     """Simulate renders of one photo; write samples, sheets, a page and a record of the random draws.
 
     Nothing is written before all input is read and stage 2 has run once.
@@ -47,7 +46,6 @@ def run(cfg: DictConfig) -> float | None:
         InputError: the photo, run, gate or generator cannot be used, or a file cannot be written.
     """
     device = start(cfg.runtime)
-    seed, draws = integer_option(cfg, "seed", 0), integer_option(cfg, "draws", 1)
     rendered = read_fitted_run(cfg)
     photo = choose_photo(cfg, rendered).to(device)
     console = Console(stderr=True)
@@ -62,26 +60,24 @@ def run(cfg: DictConfig) -> float | None:
     reduced_view = shrink_view(photo.view)
     sections = [
         view_section(reduced_view, photo.real),
-        *type_sections(reduced_view, seed),
-        gate_section(reduced_view, gates_to_show(gate, rendered), seed),
-        generator_section(photo.view, simulator, seed, photo.real),
+        *type_sections(reduced_view, cfg.seed),
+        gate_section(reduced_view, gates_to_show(gate, rendered), cfg.seed),
+        generator_section(photo.view, simulator, cfg.seed, photo.real),
     ]
     if isinstance(gate, AdaptiveGate):
         console.print(gate.table(), highlight=False)
     job = open_run(cfg, "simulate", photo.name)
     progress_hidden = hides_progress(cfg, console)
     samples, pictures = [], []
-    generators = spawn(draws, torch.Generator().manual_seed(seed))
+    generators = spawn(cfg.draws, torch.Generator().manual_seed(cfg.seed))
     for number, generator in enumerate(track(generators, "simulating", console=console, disable=progress_hidden)):
         sample, view = draw_sample(simulator, photo, generator, f"samples/{number:03d}.png")
         write_sample(job.folder / sample.file, view)
         samples.append(sample)
         if number < PICTURED:
             pictures.append((sample.file, sample.steps, shrink_view(view)))
-    sections.append(sample_section(pictures, draws))
+    sections.append(sample_section(pictures, cfg.draws))
     write_sheets(job.folder, photo, sections, provenance(photo, cfg, fingerprint, gate))
-    write_record(job.folder, seed, samples, fingerprint, gate)
+    write_record(job.folder, cfg.seed, samples, fingerprint, gate)
     job.finish()
-    page = job.folder / "simulation.html"
-    print_line(console, f"{page}: {draws} samples of {photo.name}")
-    return None
+    print_line(console, f"{job.folder / 'simulation.html'}: {cfg.draws} samples of {photo.name}")

@@ -142,8 +142,8 @@ def _initial_weights(cfg: DictConfig) -> dict[str, str]:
     initial = cfg.get("initial")
     if initial is None:
         return {}
-    parts = initial if isinstance(initial, DictConfig) else {"": initial}
-    return {str(name): str(weights) for name, weights in parts.items()}
+    weights_by_part = initial if isinstance(initial, DictConfig) else {"": initial}
+    return {str(name): str(weights) for name, weights in weights_by_part.items()}
 
 
 def _initial_weights_entry(cfg: DictConfig) -> dict[str, Any]:

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import torch
 from omegaconf import DictConfig
 from rich.console import Console
 from rich.progress import track
@@ -13,8 +14,15 @@ from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.files import write_text
+from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
-from gaussian_enhancer.infer.weights import build_reference_config, load_weights, reference_config_of, save_weights
+from gaussian_enhancer.infer.weights import (
+    Pretrained,
+    build_reference_config,
+    load_weights,
+    reference_config_of,
+    save_weights,
+)
 from gaussian_enhancer.runs.instantiate import plain_values
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
@@ -39,17 +47,11 @@ def run(cfg: DictConfig) -> None:
     if job.done:
         print_line(console, f"trained already: {weights}")
         return
-    base = load_weights(cfg.weights)
-    if base.network.scale > 1 or not base.reference_config.references:
+    pretrained = load_weights(cfg.weights)
+    if pretrained.network.scale > 1 or not pretrained.reference_config.references:
         raise InputError("weights", "are not for enhancement by references", "give weights such as lr_tiny")
-    reference_config = _with_warp_options(base.reference_config, plain_values(cfg.warp))
-    full_strength = EnhancementOptions(strength=1.0, confidence=False)
-    enhancers = {cfg.weights: full_strength.enhancer(base, reference_config, device)}
-    for fold in cfg.folds:
-        fold_weights = load_weights(fold.weights)
-        if fold_weights.network.design != base.network.design:
-            raise InputError("folds", f"name {fold.weights}, of another design", "give weights of one design")
-        enhancers[fold.weights] = full_strength.enhancer(fold_weights, reference_config, device)
+    reference_config = _with_warp_options(pretrained.reference_config, plain_values(cfg.warp))
+    enhancers = _enhancers(cfg, pretrained, reference_config, device)
     weights_and_fits = [(cfg.weights, Path(fit)) for fit in cfg.fits]
     weights_and_fits += [(fold.weights, Path(fit)) for fold in cfg.folds for fit in fold.fits]
     tracked = track(weights_and_fits, "enhance", console=console, transient=True, disable=not cfg.runtime.progress)
@@ -67,11 +69,29 @@ def run(cfg: DictConfig) -> None:
         "warp": plain_values(cfg.warp),
         **{name: cfg[name] for name in ("steps", "harm", "block_harm", "seed")},
     }
-    card = {**base.card, "reference_config": reference_config_of(reference_config), "confidence": confidence_card}
-    save_weights(weights, base.network, reference_config, card, confidence)
+    card = {**pretrained.card, "reference_config": reference_config_of(reference_config), "confidence": confidence_card}
+    save_weights(weights, pretrained.network, reference_config, card, confidence)
     write_text(job.folder / "card.json", json.dumps(card, indent=2) + "\n")
     job.finish()
     print_line(console, f"{weights}: learnt from {count} views")
+
+
+def _enhancers(
+    cfg: DictConfig, pretrained: Pretrained, reference_config: ReferenceConfig, device: torch.device
+) -> dict[str, SetEnhancer]:
+    """Enhancers at full strength with the weights and with those of each fold, by the weights' name.
+
+    Raises:
+        InputError: weights of a fold cannot be read or have another design.
+    """
+    full_strength = EnhancementOptions(strength=1.0, confidence=False)
+    enhancers = {cfg.weights: full_strength.enhancer(pretrained, reference_config, device)}
+    for fold in cfg.folds:
+        fold_weights = load_weights(fold.weights)
+        if fold_weights.network.design != pretrained.network.design:
+            raise InputError("folds", f"name {fold.weights}, of another design", "give weights of one design")
+        enhancers[fold.weights] = full_strength.enhancer(fold_weights, reference_config, device)
+    return enhancers
 
 
 def _with_warp_options(config: ReferenceConfig, options: dict[str, Any]) -> ReferenceConfig:

@@ -54,16 +54,11 @@ def run(cfg: DictConfig) -> float | None:
     samples = {"cache": str(Path(cfg.runs) / "samples"), "progress": cfg.runtime.progress}
     data = build(cfg.data, samples=samples)
     design: FactorDesign = build(cfg.design)
-    validation: dict[str, float] = {}
     started = time.time()
-    for step in STEPS:
-        if not (job.folder / f"{step}.safetensors").is_file():
-            step_validation = _train(cfg, job, step, design, data)
-            if step_validation is None:
-                console.print("stopped; the same command resumes")
-                return None
-            write_text(job.folder / f"{step}.json", json.dumps(step_validation))
-        validation |= json.loads((job.folder / f"{step}.json").read_text())
+    validation = _train_steps(cfg, job, design, data)
+    if validation is None:
+        console.print("stopped; the same command resumes")
+        return None
     model = load_model(job.folder / f"{STEPS[-1]}.safetensors").model
     card: dict[str, Any] = {
         **plain_values(cfg.card),
@@ -84,7 +79,20 @@ def run(cfg: DictConfig) -> float | None:
     return validation["gain/diffused"]
 
 
-def _train(cfg: DictConfig, job: Run, step: str, design: FactorDesign, data: Any) -> dict[str, float] | None:
+def _train_steps(cfg: DictConfig, job: Run, design: FactorDesign, data: Any) -> dict[str, float] | None:
+    """Train the steps that are not done yet; return the validation of all, or None if the training was stopped."""
+    validation: dict[str, float] = {}
+    for step in STEPS:
+        if not (job.folder / f"{step}.safetensors").is_file():
+            step_validation = _train_step(cfg, job, step, design, data)
+            if step_validation is None:
+                return None
+            write_text(job.folder / f"{step}.json", json.dumps(step_validation))
+        validation |= json.loads((job.folder / f"{step}.json").read_text())
+    return validation
+
+
+def _train_step(cfg: DictConfig, job: Run, step: str, design: FactorDesign, data: Any) -> dict[str, float] | None:
     """Train one step, save the EMA of its weights, and return its validation; None if the training was stopped."""
     from gaussian_enhancer.train.generator import DiffusedModule, PairedModule
     from gaussian_enhancer.train.loggers import finish_wandb_run

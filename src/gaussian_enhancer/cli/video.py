@@ -44,70 +44,69 @@ def run(cfg: DictConfig) -> None:
     read_output(cfg)
     device = start(cfg.runtime)
     cfg = apply_budget(cfg, load_video, device, console)
-    filmed = prepare_video(cfg, device)
-    output = read_output(cfg, filmed.path)
-    for line in filter(None, (filmed.task.note, *filmed.found.missing_references, filmed.path.note)):
+    video = prepare_video(cfg, device)
+    output = read_output(cfg, video.path)
+    for line in filter(None, (video.task.note, *video.validated.missing_references, video.path.note)):
         print_line(console, line)
-    rendered = filmed.task.rendered
-    job = open_run(run_configuration(filmed), "video", f"{rendered.name}-{filmed.path.name}")
-    planner = filmed.found.planner(build(cfg.plan))
+    rendered = video.task.rendered
+    job = open_run(run_configuration(video), "video", f"{rendered.name}-{video.path.name}")
+    planner = video.validated.planner(build(cfg.plan))
     folder = FrameFolder(job.folder / "frames")
-    frames = Film(filmed.enhancer, rendered, planner, filmed.found.pool, folder, output.layout.needs_render)
-    progress_hidden = hides_progress(cfg, console)
+    film = Film(video.enhancer, rendered, planner, video.validated.pool, folder, output.layout.needs_render)
     try:
-        written = _write(frames, filmed.path, output, job.folder, console, progress_hidden)
+        destination = _write(film, video.path, output, job.folder, console, hides_progress(cfg, console))
     except KeyboardInterrupt:
         frame_count = sum(folder.has(index) for index in range(len(rendered.targets)))
         message = f"stopped with {frame_count} of {len(rendered.targets)} frames made; the same command resumes"
         print_line(console, f"{job.folder}: {message}")
         raise SystemExit(INTERRUPTED) from None
     job.finish()
-    height, width = output.layout.size(*frames.size)
-    message = f"{filmed.path.count} frames of {width}x{height}"
+    height, width = output.layout.size(*film.size)
+    message = f"{video.path.count} frames of {width}x{height}"
     if output.encoding is not None:
-        message += f", {filmed.path.count / output.encoding.fps:.1f} s at {output.encoding.fps:g} a second"
-    new_count = frames.stored.count(False)
+        message += f", {video.path.count / output.encoding.fps:.1f} s at {output.encoding.fps:g} a second"
+    new_count = film.stored.count(False)
     note = "" if new_count == len(rendered.targets) else f"; {new_count} were made now, the others before"
-    print_line(console, f"{written}: {message}{note}")
+    print_line(console, f"{destination}: {message}{note}")
 
 
-def _write(frames: Film, path: CameraPath, output: VideoOutput, folder: Path, console: Console, hidden: bool) -> Path:
+def _write(film: Film, path: CameraPath, output: VideoOutput, folder: Path, console: Console, hidden: bool) -> Path:
     """Write each frame as soon as it is computed, and return the path of the video or of the folder of images."""
     layout = output.layout
-    images = _video_images(frames, path, layout, console, hidden)
+    images = _video_images(film, path, layout, console, hidden)
     if output.encoding is None:
-        destination = output.place or (folder / layout.kind if layout.needs_render else frames.folder.folder)
+        destination = output.destination or (folder / layout.kind if layout.needs_render else film.folder.folder)
         for index, image in enumerate(images):
-            if destination != frames.folder.folder or index >= len(frames.stored):
+            if destination != film.folder.folder or index >= len(film.stored):
                 write_image(destination / frame_name(index), image)
         return destination
     container = output.encoding.container
-    with VideoWriter(folder / f"{layout.kind}.part.{container}", output.encoding, *layout.size(*frames.size)) as writer:
+    with VideoWriter(folder / f"{layout.kind}.part.{container}", output.encoding, *layout.size(*film.size)) as writer:
         for image in images:
             writer.write(image)
-    destination = output.place or folder / f"{layout.kind}.{container}"
+    destination = output.destination or folder / f"{layout.kind}.{container}"
     writer.finish(destination, output.sound)
     return destination
 
 
 def _video_images(
-    frames: Film, path: CameraPath, layout: Layout, console: Console, hidden: bool
+    film: Film, path: CameraPath, layout: Layout, console: Console, hidden: bool
 ) -> Iterator[Float[Tensor, "3 h w"]]:
     """Images of the video: each frame of the path, then the clip's frames without a camera, which are not enhanced."""
-    for frame in _enhanced_frames(frames, console, hidden):
-        yield layout(frames.shown_render(frame), frame.enhanced, frame.index / path.count)
+    for frame in _enhanced_frames(film, console, hidden):
+        yield layout(film.shown_render(frame), frame.enhanced, frame.index / path.count)
     for index in range(len(path.cameras), path.count):
-        image = frames.enlarge(path.frame(index))
+        image = film.enlarge(path.frame(index))
         yield layout(image, image, index / path.count)
 
 
-def _enhanced_frames(frames: Film, console: Console, hidden: bool) -> Iterator[Frame]:
+def _enhanced_frames(film: Film, console: Console, hidden: bool) -> Iterator[Frame]:
     """Yield the frames with a progress bar. Later frames are computed while earlier ones are encoded."""
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
-    new_count = frames.stored.count(False)
+    new_count = film.stored.count(False)
     with Progress(*columns, TimeRemainingColumn(), console=console, disable=hidden) as progress:
-        task = progress.add_task("enhancing" if new_count else "encoding", total=new_count or len(frames.stored))
-        for frame in frames:
+        task = progress.add_task("enhancing" if new_count else "encoding", total=new_count or len(film.stored))
+        for frame in film:
             yield frame
             if not (new_count and frame.stored):  # so that the remaining time refers to frames not yet computed
                 progress.advance(task)

@@ -49,11 +49,17 @@ class CardImages:
         )
 
 
-def pictured_indices(count: int, worst: int | None, most: int) -> list[int]:
-    """Indices of the views shown with pictures: all, or an even selection that includes the worst."""
-    if count <= most:
+def pictured_indices(count: int, worst: int | None, max_pictured: int) -> list[int]:
+    """Indices of the views shown with pictures: all, or an even selection that includes the worst.
+
+    Args:
+        count: number of views.
+        worst: index of the worst view; None if no view has a gain.
+        max_pictured: maximum number of views with pictures.
+    """
+    if count <= max_pictured:
         return list(range(count))
-    selected = {round(i * (count - 1) / max(1, most - 1)) for i in range(most)}
+    selected = {round(i * (count - 1) / max(1, max_pictured - 1)) for i in range(max_pictured)}
     if worst is not None and worst not in selected:
         selected.remove(min(selected, key=lambda i: abs(i - worst)))
         selected.add(worst)
@@ -119,7 +125,6 @@ def _pictures(images: ViewPixels, shared: CardImages) -> Iterator[Picture]:
     if images.photo is None or shared.scale is None:
         return
     yield Picture("photo", data_uri(images.photo, shared.budget), "photo")
-    for name, image in (("render", images.raw), ("enhanced", images.enhanced)):
+    for name, image, label in (("raw", images.raw, "render"), ("enhanced", images.enhanced, "enhanced")):
         errors = error_map(absolute_error(image, images.photo), shared.scale)
-        key = "error-raw" if name == "render" else "error-enhanced"
-        yield Picture(key, data_uri(errors, shared.budget // 3), f"error of the {name}")
+        yield Picture(f"error-{name}", data_uri(errors, shared.budget // 3), f"error of the {label}")

@@ -36,13 +36,13 @@ def compared_views(
     """
     enhanced_files = {path.stem: path for path in list_images(enhanced)}
     photo_files = {} if photos is None else {path.stem: path for path in list_images(photos)}
-    by_view = _by_view(records)
+    records_by_key = _records_by_key(records)
     views = []
     for path in list_images(renders):
         if path.stem not in enhanced_files:
             raise InputError(enhanced, f"has no enhanced image of {path.name}", "enhance the renders again")
         raw_record, enhanced_record, cost_record = (
-            by_view.get((path.stem, variant)) for variant in (RAW, ENHANCED, COST)
+            records_by_key.get((path.stem, variant)) for variant in (RAW, ENHANCED, COST)
         )
         photo_file = photo_files.get(path.stem)
         views.append(
@@ -63,38 +63,39 @@ def compared_views(
     return tuple(views)
 
 
-def provenance_of(records: Sequence[Record], others: Mapping[str, str]) -> dict[str, str]:
+def provenance_of(records: Sequence[Record], further_entries: Mapping[str, str]) -> dict[str, str]:
     """Provenance of a page's numbers: the distinct values that the records state.
 
     Args:
         records: the records that the page shows.
-        others: further entries, such as configuration and weights.
+        further_entries: further entries, such as configuration and weights.
     """
-    lines = {
+    values_by_label = {
         "Scene": [record.scene for record in records],
         "Splat": [record.splat for record in records],
         "Commit": [record.commit for record in records],
         "Machine": [record.machine for record in records],
         "Protocol": [record.protocol for record in records],
     }
-    entries = {label: ", ".join(dict.fromkeys(filter(None, values))) for label, values in lines.items()}
+    entries = {label: ", ".join(dict.fromkeys(filter(None, values))) for label, values in values_by_label.items()}
     times = sorted(record.time for record in records)
     if times:
         entries["Measured"] = times[0] if times[0] == times[-1] else f"{times[0]} to {times[-1]}"
-    return {label: value for label, value in {**entries, **others}.items() if value}
+    return {label: value for label, value in {**entries, **further_entries}.items() if value}
 
 
-def _by_view(records: Iterable[Record]) -> dict[tuple[str, str], Record]:
-    by_view: dict[tuple[str, str], Record] = {}
+def _records_by_key(records: Iterable[Record]) -> dict[tuple[str, str], Record]:
+    """Records by view (without extension) and by variant, or ``cost`` for the cost of the variant ``enhanced``."""
+    records_by_key: dict[tuple[str, str], Record] = {}
     for record in records:
         if not record.view or (record.kind == COST and record.variant != ENHANCED):
             continue
         key = (Path(record.view).stem, record.variant if record.kind == "quality" else record.kind)
-        if key in by_view:
+        if key in records_by_key:
             received = f"was measured twice as {record.variant!r}"
             raise InputError(f"view {record.view}", received, "report one run at a time")
-        by_view[key] = record
-    return by_view
+        records_by_key[key] = record
+    return records_by_key
 
 
 def _known_values(record: Record | None) -> dict[str, float]:

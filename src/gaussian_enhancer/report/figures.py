@@ -9,12 +9,13 @@ import math
 from collections.abc import Sequence
 
 import torch
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 from PIL import Image, ImageDraw
 from torch import Tensor
 from torch.nn.functional import interpolate
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.image_files import to_bytes
 
 STOPS = (  # OKLab lightness, a, b: ink, violet, red, orange, pale yellow; lightness rises evenly
     (0.16, 0.000, -0.020),
@@ -58,9 +59,9 @@ def absolute_error(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"])
     return (image.clamp(0, 1) - photo.clamp(0, 1)).abs().mean(0)
 
 
-def sample_values(errors: Float[Tensor, "h w"], most: int = 20_000) -> Float[Tensor, " s"]:
-    """Evenly spaced values of a map, enough for estimating a quantile."""
-    return errors.flatten()[:: max(1, errors.numel() // most)]
+def sample_values(errors: Float[Tensor, "h w"], count: int = 20_000) -> Float[Tensor, " s"]:
+    """About ``count`` evenly spaced values of a map, enough for estimating a quantile; all values of a smaller map."""
+    return errors.flatten()[:: max(1, errors.numel() // count)]
 
 
 def error_scale(errors: Sequence[Float[Tensor, " _"]], quantile: float = 0.99) -> float:
@@ -90,11 +91,6 @@ def error_map(errors: Float[Tensor, "h w"], scale: float) -> Float[Tensor, "3 h 
     return colours[(share * (len(colours) - 1)).round().long()].permute(2, 0, 1)
 
 
-def to_bytes(image: Float[Tensor, "3 h w"]) -> UInt8[Tensor, "h w 3"]:
-    """Eight-bit pixels, rounded to nearest; NaN becomes black."""
-    return (image.detach().cpu().float().nan_to_num(nan=0.0).clamp(0, 1) * 255).round().byte().permute(1, 2, 0)
-
-
 def data_uri(image: Float[Tensor, "3 h w"], budget: int = 600_000, edge: int = EDGE) -> str:
     """Encode an image as a ``data:`` URI, lossless if that fits the budget.
 
@@ -104,7 +100,7 @@ def data_uri(image: Float[Tensor, "3 h w"], budget: int = 600_000, edge: int = E
             An image whose longest edge is at most 64 pixels may exceed the budget.
         edge: longest edge in pixels; larger images are reduced.
     """
-    picture = Image.fromarray(to_bytes(image).numpy())
+    picture = _picture(image)
     if max(picture.size) > edge:
         picture.thumbnail((edge, edge), Image.Resampling.LANCZOS)
     encoded = _webp(picture, lossless=True)
@@ -117,6 +113,11 @@ def data_uri(image: Float[Tensor, "3 h w"], budget: int = 600_000, edge: int = E
             break
         picture = picture.resize((max(1, picture.width // 2), max(1, picture.height // 2)), Image.Resampling.LANCZOS)
     return "data:image/webp;base64," + base64.b64encode(encoded).decode("ascii")
+
+
+def _picture(image: Float[Tensor, "3 h w"]) -> Image.Image:
+    """The image in 8 bits; NaN becomes black."""
+    return Image.fromarray(to_bytes(image.detach().cpu().float().nan_to_num(nan=0.0)))
 
 
 def _webp(picture: Image.Image, lossless: bool = False, quality: int = 50) -> bytes:
@@ -167,6 +168,6 @@ def contact_sheet(
 
 
 def _thumbnail(image: Float[Tensor, "3 h w"], height: int) -> Image.Image:
-    picture = Image.fromarray(to_bytes(image).numpy())
+    picture = _picture(image)
     width = max(1, round(picture.width * height / picture.height))
     return picture.resize((width, height), Image.Resampling.LANCZOS)

@@ -43,9 +43,9 @@ def write_page(path: Path, measured: MeasuredRun, *, title: str | None = None, m
     """
     quality = [record for record in measured.records if record.kind == "quality"]
     default_title = f"{quality[0].scene} · {quality[0].splat}" if quality else measured.folder.name
-    others = {"Measurement": str(measured.folder), "Run": str(measured.config.get("run") or "")}
-    others["Weights"] = weights_of(measured.config)
-    provenance = provenance_of(quality, others)
+    run = str(measured.config.get("run") or "")
+    sources = {"Measurement": str(measured.folder), "Run": run, "Weights": weights_of(measured.config)}
+    provenance = provenance_of(quality, sources)
     write_report(path, title or default_title, measured.views, provenance, most_pictured=most_pictured)
 
 

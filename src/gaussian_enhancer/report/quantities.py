@@ -75,6 +75,6 @@ RANKING_METRICS = ("psnr_aligned", "psnr", "psnr_masked")
 
 def quantities(keys: set[str]) -> tuple[Quantity, ...]:
     """The metrics with these keys: known ones in the order of `KNOWN`, then others by name, without a direction."""
-    known = tuple(quantity for quantity in KNOWN if quantity.key in keys)
-    other_keys = sorted(keys - {quantity.key for quantity in known})
-    return known + tuple(Quantity(key, key, 4) for key in other_keys)
+    known_quantities = tuple(quantity for quantity in KNOWN if quantity.key in keys)
+    unknown_keys = sorted(keys - {quantity.key for quantity in KNOWN})
+    return known_quantities + tuple(Quantity(key, key, 4) for key in unknown_keys)

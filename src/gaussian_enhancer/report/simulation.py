@@ -24,8 +24,11 @@ EDGE = 320
 PAGE_BYTES = 10_000_000
 """Maximum number of bytes of all pictures of a page together, before base64."""
 
-GROUND = 250 / 255
+BACKGROUND = 250 / 255
 """Grey level of a sheet's background."""
+
+MIN_WIDTH, MIN_HEIGHT = 96, 24
+"""Smallest size in pixels of an image on a sheet, so that its text fits."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,7 @@ def sheet(section: Section) -> Image.Image:
     example = next(row for row in section.rows if row.images)
     same_captions = all(row.captions == example.captions for row in section.rows if row.images)
     titles = example.captions if same_captions else tuple(str(i + 1) for i in range(columns))
-    blank = torch.full_like(_enlarge_and_pad(example.images[0]), GROUND)
+    blank = torch.full_like(_enlarge_and_pad(example.images[0]), BACKGROUND)
     rows = [[*map(_enlarge_and_pad, row.images), *[blank] * (columns - len(row.images))] for row in section.rows]
     names = [row.name if row.images else f"{row.name}: {row.note}" for row in section.rows]
     return contact_sheet(rows, titles, names, height=blank.shape[1])
@@ -104,10 +107,10 @@ def write_page(
     write_text(path, render("simulation.html", values))
 
 
-def _enlarge_and_pad(image: Float[Tensor, "3 _ _"], least: int = 96) -> Float[Tensor, "3 _ _"]:
+def _enlarge_and_pad(image: Float[Tensor, "3 _ _"]) -> Float[Tensor, "3 _ _"]:
     """Enlarge an image by an integer factor and pad it if it is too small for the text of a sheet."""
     image = image.detach().cpu().float()
-    factor = max(1, least // max(image.shape[1:]))
+    factor = max(1, MIN_WIDTH // max(image.shape[1:]))
     enlarged = image.repeat_interleave(factor, 1).repeat_interleave(factor, 2)
-    right, below = max(0, least - enlarged.shape[2]), max(0, 24 - enlarged.shape[1])
-    return F.pad(enlarged, (0, right, 0, below), value=GROUND)
+    right, below = max(0, MIN_WIDTH - enlarged.shape[2]), max(0, MIN_HEIGHT - enlarged.shape[1])
+    return F.pad(enlarged, (0, right, 0, below), value=BACKGROUND)

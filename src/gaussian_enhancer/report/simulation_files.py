@@ -80,12 +80,12 @@ def provenance(photo: SimulatorInput, cfg: DictConfig, fingerprint: Fingerprint 
         fingerprint: fingerprint of the run's training views; None if they are not known.
         gate: the chosen gate.
     """
-    lines = {**photo.origin, "Gate": OmegaConf.to_yaml(cfg.gate).strip()}
+    entries = {**photo.origin, "Gate": OmegaConf.to_yaml(cfg.gate).strip()}
     if fingerprint is not None:
-        lines["Fingerprint"] = fingerprint.table()
+        entries["Fingerprint"] = fingerprint.table()
     if isinstance(gate, AdaptiveGate):
-        lines["Calibrated"] = gate.table()
-    return {**lines, "Generator": OmegaConf.to_yaml(cfg.generator).strip(), "Seed": str(cfg.seed)}
+        entries["Calibrated"] = gate.table()
+    return {**entries, "Generator": OmegaConf.to_yaml(cfg.generator).strip(), "Seed": str(cfg.seed)}
 
 
 def write_sheets(

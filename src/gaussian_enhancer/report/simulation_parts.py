@@ -25,13 +25,13 @@ STRENGTHS = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Strengths of artefacts, which are the columns of the sheet of artefact types."""
 
 
-def shrink_view(view: View, edge: int = EDGE) -> View:
-    """Copy of a view whose longer side has at most ``edge`` pixels.
+def shrink_view(view: View) -> View:
+    """Copy of a view whose longer side has at most `EDGE` pixels.
 
     Depth is resampled by nearest neighbour: no values are interpolated, and pixels without depth remain without depth.
     """
     height, width = view.image.shape[-2:]
-    factor = min(1.0, edge / max(height, width))
+    factor = min(1.0, EDGE / max(height, width))
     size = max(1, round(height * factor)), max(1, round(width * factor))
     if size == (height, width):
         return view
@@ -43,16 +43,16 @@ def shrink_view(view: View, edge: int = EDGE) -> View:
     return View(view.image if image is None else image, depth, alpha)
 
 
-def view_section(view: View, real: Float[Tensor, "1 3 h w"] | None) -> Section:
+def view_section(view: View, real_render: Float[Tensor, "1 3 h w"] | None) -> Section:
     """The input of the simulator: photo, real render, depth and opacity.
 
     Args:
         view: one sample, reduced in size.
-        real: the splat's render of the view at any size; None if there is none.
+        real_render: the splat's render of the view at any size; None if there is none.
     """
     images = {"photo": view.image[0]}
-    if real is not None:
-        images["real render"] = shrink_view(View(real)).image[0]
+    if real_render is not None:
+        images["real render"] = shrink_view(View(real_render)).image[0]
     if view.depth is not None:
         images["depth: near is light"] = depth_colours(view.depth[0], view.depth[0])
     if view.alpha is not None:
@@ -113,7 +113,7 @@ def gate_section(view: View, gates: Mapping[str, Gate | str], seed: int, draws: 
 
 
 def generator_section(
-    view: View, simulator: Simulator, seed: int, real: Float[Tensor, "1 3 h w"] | None, seeds: int = 4
+    view: View, simulator: Simulator, seed: int, real_render: Float[Tensor, "1 3 h w"] | None, draws: int = 4
 ) -> Section:
     """Stage 2 beside the real render of the same view, at full size: photo, M, L for several seeds, real render.
 
@@ -121,8 +121,8 @@ def generator_section(
         view: one sample.
         simulator: both stages.
         seed: seed of stage 1; stage 2 uses this one and the following ones.
-        real: the splat's render of the view; None if there is none.
-        seeds: number of draws of stage 2.
+        real_render: the splat's render of the view; None if there is none.
+        draws: number of draws of stage 2.
 
     Raises:
         InputError: stage 2 requires a real render and there is none.
@@ -133,18 +133,17 @@ def generator_section(
     steps = simulator.gate.draw(generator)
     manual = degrade(view, [steps], [generator])
     views = {"photo": view, "M, stage 1": manual}
-    for stage_seed in range(seed, seed + seeds):
+    for stage_seed in range(seed, seed + draws):
         views[f"L, stage 2, seed {stage_seed}"] = simulator.second(
-            manual, [torch.Generator().manual_seed(stage_seed)], real
+            manual, [torch.Generator().manual_seed(stage_seed)], real_render
         )
-    if real is not None:
-        views["real render"] = View(real)
+    if real_render is not None:
+        views["real render"] = View(real_render)
     images = tuple(shrink_view(shown_view).image[0] for shown_view in views.values())
-    note = "" if real is not None else " There is no real render of a photo without its run."
+    note = "" if real_render is not None else " There is no real render of a photo without its run."
     text = f"Stage 2 (L) learns to bring stage 1 (M) closer to real renders.{note}"
-    return Section(
-        "Generator", text, (ImageRow(f"stage 1: {describe_artefacts(steps)}", images, tuple(views)),), "generator"
-    )
+    row = ImageRow(f"stage 1: {describe_artefacts(steps)}", images, tuple(views))
+    return Section("Generator", text, (row,), "generator")
 
 
 def sample_section(samples: Sequence[tuple[str, Sequence[ArtefactStep], View]], count: int) -> Section:
@@ -165,14 +164,14 @@ def describe_artefacts(steps: Sequence[ArtefactStep]) -> str:
     return " · ".join(phrases) if phrases else "nothing"
 
 
-def depth_colours(depth: Float[Tensor, "1 h w"], before: Float[Tensor, "1 h w"]) -> Float[Tensor, "3 h w"]:
+def depth_colours(depth: Float[Tensor, "1 h w"], undegraded: Float[Tensor, "1 h w"]) -> Float[Tensor, "3 h w"]:
     """Inverse depth as colours, near light and far dark, black where nothing was hit.
 
     Args:
         depth: the depth to show.
-        before: the undegraded depth, whose range sets the scale.
+        undegraded: the undegraded depth, whose range sets the scale.
     """
-    valid = before[before > 0]
+    valid = undegraded[undegraded > 0]
     limits = valid.reciprocal().quantile(valid.new_tensor([0.01, 0.99])).tolist() if len(valid) else [0.0, 1.0]
     low, high = limits if limits[1] > limits[0] else (0.0, 2 * limits[1])
     nearness = (depth.clamp(min=1e-9).reciprocal() - low) / (high - low)

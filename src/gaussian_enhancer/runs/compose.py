@@ -28,9 +28,9 @@ def compose_job(name: str, cfg: DictConfig, overrides: Iterable[str] = (), **val
     try:
         job = copy.deepcopy(_compose_cached(name, frozen_overrides))
     except (HydraException, OmegaConfBaseException) as error:
-        raise InputError(
-            f"{name} {' '.join(frozen_overrides)}", f"is refused ({_first_line(error)})", "correct the override"
-        ) from error
+        cause = str(error).strip().splitlines()[0]
+        subject = f"{name} {' '.join(frozen_overrides)}"
+        raise InputError(subject, f"is refused ({cause})", "correct the override") from error
     with open_dict(job):
         job.update({"runs": cfg.runs, "runtime": cfg.runtime, **values})
     return job
@@ -40,7 +40,3 @@ def compose_job(name: str, cfg: DictConfig, overrides: Iterable[str] = (), **val
 def _compose_cached(name: str, overrides: tuple[str, ...]) -> DictConfig:
     """Composed configuration, cached: composing takes 0.1 s, and studies request the same configuration many times."""
     return compose(name, overrides=list(overrides))
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).strip().splitlines()[0]

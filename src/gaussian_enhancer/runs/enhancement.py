@@ -101,27 +101,29 @@ def prepare_enhancement(
         InputError: references are requested but there are none, or an option is out of range.
     """
     requested = options.reference_config(pretrained, task.depth)
-    inputs = validate_inputs(task.rendered, requested, options.rules, pretrained.network.scale, origins=task.origins)
-    enhancer = options.enhancer(pretrained, inputs.reference_config, device)
-    return enhancer, replace(task, rendered=inputs.rendered), inputs
+    validated = validate_inputs(task.rendered, requested, options.rules, pretrained.network.scale, origins=task.origins)
+    enhancer = options.enhancer(pretrained, validated.reference_config, device)
+    return enhancer, replace(task, rendered=validated.rendered), validated
 
 
-def lost_references(enhancer: SetEnhancer, task: Task, found: ValidatedInputs) -> list[str]:
+def lost_references(enhancer: SetEnhancer, task: Task, validated: ValidatedInputs) -> list[str]:
     """List the renders that are written unchanged because no photo can be used for them, with the reason.
 
     Args:
         enhancer: the enhancer.
         task: the task.
-        found: the validated inputs.
+        validated: the validated inputs.
     """
     if not enhancer.pass_through or enhancer.network.scale > 1:
         return []
-    if found.missing_references and enhancer.reference_config.references == 0:
+    if validated.missing_references and enhancer.reference_config.references == 0:
         failure = "" if any(view.camera for view in task.rendered.targets) else task.origins.get("cameras", "")
-        return [f"no photo can be used ({failure or found.missing_references[0]}). Every render is written unchanged."]
-    if found.unreached:
-        count = f"{len(found.unreached)} of {len(task.rendered.targets)} renders have no camera or no depth"
-        return [f"{count}, so that no photo can be used: {', '.join(found.unreached)}. They are written unchanged."]
+        return [
+            f"no photo can be used ({failure or validated.missing_references[0]}). Every render is written unchanged."
+        ]
+    if validated.unreached:
+        count = f"{len(validated.unreached)} of {len(task.rendered.targets)} renders have no camera or no depth"
+        return [f"{count}, so that no photo can be used: {', '.join(validated.unreached)}. They are written unchanged."]
     return []
 
 
@@ -136,12 +138,14 @@ def effective_options(cfg: DictConfig) -> DictConfig:
     """
     configuration = copy.deepcopy(cfg)
     with open_dict(configuration):
-        unset = {name: not configuration.get(name) for name in ("budget_ms", "temporal_smoothing", "distil")}
-        has_geometry = bool(cfg.get("recover_geometry")) and cfg.get("renders") is None
-        idle_keys = {"dry_run": True, **unset, "plan": build(cfg.plan).full, "recover_geometry": has_geometry}
-        for name, idle in idle_keys.items():
-            if idle:
-                configuration.pop(name, None)
+        idle_keys = ["dry_run"]
+        idle_keys += [name for name in ("budget_ms", "temporal_smoothing", "distil") if not cfg.get(name)]
+        if build(cfg.plan).full:
+            idle_keys.append("plan")
+        if cfg.get("recover_geometry") and cfg.get("renders") is None:
+            idle_keys.append("recover_geometry")
+        for name in idle_keys:
+            configuration.pop(name, None)
     return configuration
 
 

@@ -32,10 +32,10 @@ def write_fit_records(job: Run, scene: Scene, method: str, steps: Sequence[int],
             if view.read is None or view.read_photo is None:
                 continue
             image, photo = view.read(), view.read_photo()
-            measured = measure_pair(image, photo)
+            quality = measure_pair(image, photo)
             size = (image.shape[2], image.shape[1])
-            record_key = (job.folder.name, scene.name, f"{method}/{step}", view.name, "raw")
-            records.append(Record("quality", *record_key, measured.metrics, measured.reasons, size, PROTOCOL))
+            label = (job.folder.name, scene.name, f"{method}/{step}", view.name, "raw")
+            records.append(Record("quality", *label, quality.metrics, quality.reasons, size, PROTOCOL))
     cost: dict[str, float | None] = {"milliseconds": 1e3 * seconds, "gaussians": float(count)}
     records.append(Record("cost", job.folder.name, scene.name, method, "", "raw", cost))
     write_records(job.folder / "records.jsonl", records)

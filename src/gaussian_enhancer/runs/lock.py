@@ -37,82 +37,82 @@ class _HeldLock:
 
 
 _held: dict[Path, _HeldLock] = {}
-_taken: ContextVar[list[Path] | None] = ContextVar("_taken", default=None)
+_acquired: ContextVar[list[Path] | None] = ContextVar("_acquired", default=None)
 _waits: ContextVar[bool] = ContextVar("_waits", default=False)
 
 
-def hold(place: Path) -> bool:
+def hold(path: Path) -> bool:
     """Acquire a lock; return True if this process did not hold it before.
 
     Args:
-        place: the folder, which is created if it is missing, or the file of records to be written.
+        path: the folder, which is created if it is missing, or the file of records to be written.
 
     Raises:
         InputError: another process holds the lock, or the folder cannot be written.
     """
-    file = _file(place)
+    file = _file(path)
     if file in _held:
         return False
     try:
         created = tuple(folder for folder in file.parents if not folder.exists())
         lock = FileLock(file, thread_local=False)
-        while not _try_acquire(lock, file.parent, place):
+        while not _try_acquire(lock, file.parent, path):
             pass
     except OSError as error:
-        raise to_write_error(place, error) from error
+        raise to_write_error(path, error) from error
     _held[file] = _HeldLock(lock, created)
-    taken_places = _taken.get()
-    if taken_places is not None:
-        taken_places.append(place)
+    paths = _acquired.get()
+    if paths is not None:
+        paths.append(path)
     return True
 
 
-def release(place: Path) -> None:
+def release(path: Path) -> None:
     """Release a lock if this process holds it, and remove its file.
 
     Args:
-        place: the same place as for `hold`.
+        path: the same path as for `hold`.
     """
-    held = _held.pop(_file(place), None)
-    if held is None:
+    held_lock = _held.pop(_file(path), None)
+    if held_lock is None:
         return
-    _file(place).unlink(missing_ok=True)  # before the release: a waiting process then creates a new file of that name
-    held.lock.release()
+    _file(path).unlink(missing_ok=True)  # before the release: a waiting process then creates a new file of that name
+    held_lock.lock.release()
     with suppress(OSError):
-        for folder in held.created:
+        for folder in held_lock.created:
             folder.rmdir()
 
 
 @contextmanager
-def exclusive(place: Path) -> Iterator[None]:
+def exclusive(path: Path) -> Iterator[None]:
     """Hold a lock during the context; a second process is refused, even inside `wait_for_holders`.
 
     Args:
-        place: the same place as for `hold`.
+        path: the same path as for `hold`.
 
     Raises:
         InputError: another process holds the lock, or the folder cannot be written.
     """
     with wait_for_holders(False):
-        acquired = hold(place)
+        acquired = hold(path)
     try:
         yield
     finally:
         if acquired:
-            release(place)
+            release(path)
 
 
 @contextmanager
 def release_at_end() -> Iterator[None]:
     """Release all locks that are acquired inside the context."""
-    taken_places: list[Path] = []
-    token = _taken.set(taken_places)
+    paths: list[Path] = []
+    token = _acquired.set(paths)
     try:
         yield
     finally:
-        _taken.reset(token)
-        for place in taken_places:
-            release(place)
+        _acquired.reset(token)
+        for path in paths:
+            release(path)
 
 
 @contextmanager
@@ -129,12 +129,12 @@ def wait_for_holders(wait: bool = True) -> Iterator[None]:
         _waits.reset(token)
 
 
-def _file(place: Path) -> Path:
-    place = place.absolute()
-    return place.with_name(f".{place.name}.{NAME}") if place.suffix in RECORDS else place / NAME
+def _file(path: Path) -> Path:
+    path = path.absolute()
+    return path.with_name(f".{path.name}.{NAME}") if path.suffix in RECORDS else path / NAME
 
 
-def _try_acquire(lock: FileLock, folder: Path, place: Path) -> bool:
+def _try_acquire(lock: FileLock, folder: Path, path: Path) -> bool:
     """Acquire a lock; False if its holder wrote nothing and removed the folder in the meantime."""
     folder.mkdir(parents=True, exist_ok=True)
     with suppress(FileNotFoundError):
@@ -143,8 +143,8 @@ def _try_acquire(lock: FileLock, folder: Path, place: Path) -> bool:
         except Timeout:
             if not _waits.get():
                 received = "is being written by another process"
-                raise InputError(place, received, "wait until that job ends, or choose another output") from None
-            print(f"gaussian-enhancer: {place}: waiting for another process that writes it", file=sys.stderr)
+                raise InputError(path, received, "wait until that job ends, or choose another output") from None
+            print(f"gaussian-enhancer: {path}: waiting for another process that writes it", file=sys.stderr)
             lock.acquire()
         return True
     return False

@@ -4,7 +4,7 @@ Axes: h height, w width.
 """
 
 import shutil
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -53,18 +53,18 @@ def write_enhanced(
         InputError: an image cannot be written.
     """
     targets = {view.name: view for view in rendered.targets}
-    written = []
+    written_views = []
     for enhanced in views:
         write_enhanced_view(enhanced, folder, targets[enhanced.name], scale)
-        written.append(replace(enhanced, image=enhanced.image[:, :0, :0]))
-    return written
+        written_views.append(replace(enhanced, image=enhanced.image[:, :0, :0]))
+    return written_views
 
 
-def write_enhanced_view(one: EnhancedView, folder: Path, view: RenderedView, scale: int) -> None:
+def write_enhanced_view(enhanced: EnhancedView, folder: Path, view: RenderedView, scale: int) -> None:
     """Write an enhanced image, or copy the file of its render if enhancement changed nothing.
 
     Args:
-        one: the enhanced view.
+        enhanced: the enhanced view.
         folder: folder of the images; the file has the render's name.
         view: the view that was enhanced.
         scale: how many times finer the image is than the render.
@@ -72,35 +72,34 @@ def write_enhanced_view(one: EnhancedView, folder: Path, view: RenderedView, sca
     Raises:
         InputError: the image cannot be written.
     """
-    if one.unchanged and view.read is not None:
-        _copy_or_write(view.read, folder / one.name)
+    if enhanced.unchanged and view.read is not None:
+        _copy_or_write(view.read, folder / enhanced.name)
     else:
-        write_image(folder / one.name, resize_to_photo(one.image, view, scale))
+        write_image(folder / enhanced.name, resize_to_photo(enhanced.image, view, scale))
 
 
-def write_sources(rendered: RenderedSet, side: Path, scale: int) -> None:
+def write_sources(rendered: RenderedSet, folder: Path, scale: int) -> None:
     """Write renders and photos at the size of the enhanced images into the folders ``renders`` and ``gt``.
 
     Args:
         rendered: the targets; photos are written for targets that have one.
-        side: parent of the two folders, which also holds the folder of the enhanced images.
-        scale: how many times finer the enhanced images are than the renders. Above 1, renders are
-            upsampled bicubically.
+        folder: parent of the two folders, which also holds the folder of the enhanced images.
+        scale: how many times finer the enhanced images are than the renders; above 1, renders are enlarged bicubically.
 
     Raises:
         InputError: a file cannot be read or written.
     """
     for view in rendered.targets:
         if scale == 1:
-            for part, read_image in (("renders", view.read), ("gt", view.read_photo)):
-                if read_image is not None:
-                    _copy_or_write(read_image, side / part / view.name)
+            for subfolder, read in (("renders", view.read), ("gt", view.read_photo)):
+                if read is not None:
+                    _copy_or_write(read, folder / subfolder / view.name)
             continue
         if view.read is not None:
             enlarged = upsample_bicubic(view.read()[None], scale)[0]
-            write_image(side / "renders" / view.name, resize_to_photo(enlarged, view, scale))
+            write_image(folder / "renders" / view.name, resize_to_photo(enlarged, view, scale))
         if view.read_fine_photo is not None:
-            write_image(side / "gt" / view.name, read_original_size(view))
+            write_image(folder / "gt" / view.name, read_original_size(view))
 
 
 def read_original_size(view: RenderedView) -> Float[Tensor, "3 _ _"]:
@@ -120,29 +119,25 @@ def read_original_size(view: RenderedView) -> Float[Tensor, "3 _ _"]:
     return resized_reader(view.read_fine_photo, *view.fine_size)()
 
 
-def cost_records(written: Iterable[EnhancedView], run_name: str, task: Task) -> list[Record]:
+def cost_records(views: Iterable[EnhancedView], run_name: str, task: Task) -> list[Record]:
     """Records of the milliseconds that the network took for each image.
 
     Args:
-        written: enhanced views.
+        views: enhanced views.
         run_name: name of the run's folder.
         task: the task of the run.
     """
-
-    def record(one: EnhancedView) -> Record:
-        values: dict[str, float | None] = {"milliseconds": one.enhancing}
-        return Record("cost", run_name, task.rendered.name, f"ours_{task.step}", one.name, "enhanced", values)
-
-    return [record(one) for one in written]
+    label = run_name, task.rendered.name, f"ours_{task.step}"
+    return [Record("cost", *label, view.name, "enhanced", {"milliseconds": view.enhancing}) for view in views]
 
 
-def _copy_or_write(read: object, path: Path) -> None:
+def _copy_or_write(read: Callable[[], Tensor], path: Path) -> None:
     """Copy the image's file if it stores the same pixels in the same format; otherwise read and write the image."""
     if isinstance(read, ReadPhoto) and _is_unmodified(read) and read.path.suffix == path.suffix:
         with atomic_write(path) as temporary:
             shutil.copyfile(read.path, temporary)
     else:
-        write_image(path, read())  # type: ignore[operator]
+        write_image(path, read())
 
 
 def _is_unmodified(read: ReadPhoto) -> bool:

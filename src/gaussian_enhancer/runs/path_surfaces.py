@@ -12,17 +12,18 @@ from gaussian_enhancer.types import Camera
 
 T = TypeVar("T")
 
-OF_PATH, OF_CAPTURE = 48, 8
+MAX_PATH_VIEWS, MAX_CAPTURE_VIEWS = 48, 8
 """Maximum numbers of views rendered of the path and of the capture, evenly spread."""
-SIDE = 48
+LONGER_SIDE = 48
 """Longer side of these views in pixels."""
-NEAR = 0.03
+NEAR_RATIO = 0.03
 """A surface nearer than this share of the capture's typical depth counts as touching the camera."""
-OPAQUE = 0.5
+MIN_OPACITY = 0.5
 """Minimum opacity of a pixel that shows a surface."""
-MOST, LEAST = 0.5, 0.05
-"""A camera counts as inside a surface if more than the first share of its view touches the camera. The second is the
-minimum share of a view that must show a surface."""
+MAX_NEAR_SHARE = 0.5
+"""A camera counts as inside a surface if more than this share of its view touches the camera."""
+MIN_OPAQUE_SHARE = 0.05
+"""Minimum share of a view that must show a surface."""
 REMEDY = "lay the path elsewhere, an orbit or spiral with another radius="
 
 
@@ -40,28 +41,28 @@ def refuse_inside(path: Sequence[Camera], cameras: Sequence[Camera], renderer: S
     """
     capture_depths = [
         depth
-        for camera in _evenly_spread(cameras, OF_CAPTURE)
+        for camera in _evenly_spread(cameras, MAX_CAPTURE_VIEWS)
         if (depth := _visible_depths(camera, renderer)[0]) is not None
     ]
     if not capture_depths:
         return
-    typical = float(torch.stack([depth.median() for depth in capture_depths]).median())
-    for number in _evenly_spread(range(len(path)), OF_PATH):
-        depth, share = _visible_depths(path[number], renderer)
+    typical_depth = float(torch.stack([depth.median() for depth in capture_depths]).median())
+    for number in _evenly_spread(range(len(path)), MAX_PATH_VIEWS):
+        depth, opaque_share = _visible_depths(path[number], renderer)
         frame_name = f"frame {number + 1} of {len(path)}"
-        if depth is None or share < LEAST:
+        if depth is None or opaque_share < MIN_OPAQUE_SHARE:
             raise InputError(subject, f"sees nothing of the splat at {frame_name}", REMEDY)
-        near_share = share * float((depth < NEAR * typical).float().mean())
-        if near_share > MOST:
-            near = f"{near_share:.0%} of the view is nearer than {NEAR:.0%} of the usual depth"
-            raise InputError(subject, f"is inside a surface at {frame_name}: {near}", REMEDY)
+        near_share = opaque_share * float((depth < NEAR_RATIO * typical_depth).float().mean())
+        if near_share > MAX_NEAR_SHARE:
+            cause = f"{near_share:.0%} of the view is nearer than {NEAR_RATIO:.0%} of the usual depth"
+            raise InputError(subject, f"is inside a surface at {frame_name}: {cause}", REMEDY)
 
 
 def _visible_depths(camera: Camera, renderer: SplatRenderer) -> tuple[torch.Tensor | None, float]:
     """Depths of the opaque pixels of a small render, None if there are none, and the share of opaque pixels."""
-    scale = min(1.0, SIDE / max(camera.height, camera.width))
+    scale = min(1.0, LONGER_SIDE / max(camera.height, camera.width))
     render = renderer(camera.resized(max(1, round(camera.height * scale)), max(1, round(camera.width * scale))))
-    opaque = render.alpha > OPAQUE
+    opaque = render.alpha > MIN_OPACITY
     return (render.surface[opaque] if bool(opaque.any()) else None), float(opaque.float().mean())
 
 

@@ -125,18 +125,18 @@ def recover_geometry(rendered: RenderedSet, root: Path, progress: ProgressCallba
     Raises:
         InputError: an image cannot be read, or the folder cannot be written.
     """
-    bare = _lacks_cameras(rendered)
-    folder = root / f"{rendered.name}-{digest_of({'images': _identities(rendered, bare)})}"
+    lacks_cameras = _lacks_cameras(rendered)
+    folder = root / f"{rendered.name}-{digest_of({'images': _identities(rendered, lacks_cameras)})}"
     if not (folder / SUMMARY).is_file():
         with lock.wait_for_holders():
             acquired = lock.hold(folder)
         try:
             if not (folder / SUMMARY).is_file():
-                _recover_missing(rendered, bare, folder, progress)
+                _recover_missing(rendered, lacks_cameras, folder, progress)
         finally:
             if acquired:
                 lock.release(folder)
-    return _read(rendered, bare, folder)
+    return _read(rendered, lacks_cameras, folder)
 
 
 def _lacks_cameras(rendered: RenderedSet) -> bool:
@@ -144,58 +144,64 @@ def _lacks_cameras(rendered: RenderedSet) -> bool:
     return any(view.camera is None for view in rendered.targets) or all(view.camera is None for view in views)
 
 
-def _recover_missing(rendered: RenderedSet, bare: bool, folder: Path, progress: ProgressCallback | None) -> None:
+def _recover_missing(
+    rendered: RenderedSet, lacks_cameras: bool, folder: Path, progress: ProgressCallback | None
+) -> None:
     """Recover the missing geometry and write it; parts left by a killed call are computed again."""
     started = time.monotonic()
     try:
         _clear(folder)
-        complete = not bare or reconstruct(_unposed(rendered), folder / CAMERAS, progress)
-        posed = _with_cameras(rendered, bare, folder) if complete else rendered
+        reconstructed = not lacks_cameras or reconstruct(_unposed(rendered), folder / CAMERAS, progress)
+        posed = _with_cameras(rendered, lacks_cameras, folder) if reconstructed else rendered
         cameras_done = time.monotonic()
-        complete = _check_cameras(posed)
-        if complete:
-            _write_depths(posed, read_model(folder / CAMERAS).points if bare else None, folder / DEPTH, progress)
+        recovered = _suffices_for_depth(posed)
+        if recovered:
+            _write_depths(
+                posed, read_model(folder / CAMERAS).points if lacks_cameras else None, folder / DEPTH, progress
+            )
         else:
             _clear(folder)
     except BaseException:
         _clear(folder)
         raise
     seconds = {CAMERAS: round(cameras_done - started, 1), DEPTH: round(time.monotonic() - cameras_done, 1)}
-    write_text(folder / SUMMARY, json.dumps({"found": complete, "seconds": seconds}) + "\n")
+    write_text(folder / SUMMARY, json.dumps({"found": recovered, "seconds": seconds}) + "\n")
 
 
 def _clear(folder: Path) -> None:
-    for part in (CAMERAS, DEPTH):
-        shutil.rmtree(folder / part, ignore_errors=True)
+    for name in (CAMERAS, DEPTH):
+        shutil.rmtree(folder / name, ignore_errors=True)
 
 
-def _read(rendered: RenderedSet, bare: bool, folder: Path) -> RecoveredGeometry:
+def _read(rendered: RenderedSet, lacks_cameras: bool, folder: Path) -> RecoveredGeometry:
     """The set with the geometry that is stored in a folder."""
     source = folder / SUMMARY
     summary = read_json(source)
     durations = get_member(summary, "seconds", source)
-    seconds = {part: get_number(durations, part, f"{source} seconds") for part in (CAMERAS, DEPTH)}
-    count = len(rendered.targets), len(rendered.references)
+    seconds = {name: get_number(durations, name, f"{source} seconds") for name in (CAMERAS, DEPTH)}
+    render_count, photo_count = len(rendered.targets), len(rendered.references)
     if not get_member(summary, "found", source):
-        attempt = f"structure from motion of {count[0]} renders and {count[1]} photos"
+        attempt = f"structure from motion of {render_count} renders and {photo_count} photos"
         return RecoveredGeometry(
-            rendered, f"{attempt} found no place that they share, {seconds[CAMERAS]:.0f} s" if bare else ""
+            rendered, f"{attempt} found no place that they share, {seconds[CAMERAS]:.0f} s" if lacks_cameras else ""
         )
-    posed = _with_cameras(rendered, bare, folder)
+    posed = _with_cameras(rendered, lacks_cameras, folder)
     targets = tuple(_with_depth(view, folder / DEPTH / f"{RENDER}_{i:05d}.npy") for i, view in enumerate(posed.targets))
     references = [_with_depth(v, folder / DEPTH / f"{PHOTO}_{i:05d}.npy") for i, v in enumerate(posed.references)]
-    photos = tuple(view for view in references if view.camera is not None or not bare)
+    photos = tuple(view for view in references if view.camera is not None or not lacks_cameras)
     posed_set = replace(posed, targets=targets, references=photos, own_depth=False)
     depth = f"by plane sweep, {seconds[DEPTH]:.0f} s; kept in {folder}"
-    if not bare:
+    if not lacks_cameras:
         return RecoveredGeometry(posed_set, "", depth)
     if any(view.read_depth is not None for view in rendered.targets):
         depth += "; the given depth is ignored, because its unit differs from that of the recovered cameras"
-    placed = f"{sum(v.camera is not None for v in targets)} of {count[0]} renders, {len(photos)} of {count[1]} photos"
-    return RecoveredGeometry(posed_set, f"by structure from motion: {placed}, {seconds[CAMERAS]:.0f} s", depth)
+    posed_count = sum(view.camera is not None for view in targets)
+    counts = f"{posed_count} of {render_count} renders, {len(photos)} of {photo_count} photos"
+    return RecoveredGeometry(posed_set, f"by structure from motion: {counts}, {seconds[CAMERAS]:.0f} s", depth)
 
 
-def _check_cameras(posed: RenderedSet) -> bool:
+def _suffices_for_depth(posed: RenderedSet) -> bool:
+    """Whether a render and enough photos have a camera for the plane sweep."""
     photos = sum(view.camera is not None for view in posed.references)
     return photos >= MIN_PHOTOS and any(view.camera is not None for view in posed.targets)
 
@@ -211,15 +217,15 @@ def _unposed(rendered: RenderedSet) -> list[UnposedImage]:
     ]
 
 
-def _with_cameras(rendered: RenderedSet, bare: bool, folder: Path) -> RenderedSet:
+def _with_cameras(rendered: RenderedSet, lacks_cameras: bool, folder: Path) -> RenderedSet:
     """The set with the given cameras or with those of the model; views that are not in the model have no camera."""
-    if not bare:
+    if not lacks_cameras:
         return rendered
     model = read_model(folder / CAMERAS)
-    listed = {image.name: image for image in model.images}
+    images = {image.name: image for image in model.images}
 
     def camera(name: str, read: Read) -> tuple[Camera | None, Lens | None]:
-        image = listed.get(name)
+        image = images.get(name)
         return (None, None) if image is None else _camera(model, image, read)
 
     targets = []
@@ -339,11 +345,13 @@ def _size(read: Read) -> tuple[int, int]:
     return height, width
 
 
-def _identities(rendered: RenderedSet, bare: bool) -> list[list[object]]:
+def _identities(rendered: RenderedSet, lacks_cameras: bool) -> list[list[object]]:
     """The data that recovered geometry depends on: the images, and cameras if they were given."""
 
     def identity(kind: str, view: RenderedView, read: Read) -> list[object]:
-        matrices: Sequence[Tensor] = () if bare or view.camera is None else (view.camera.K, view.camera.world_to_camera)
+        matrices: Sequence[Tensor] = (
+            () if lacks_cameras or view.camera is None else (view.camera.K, view.camera.world_to_camera)
+        )
         return [kind, view.read is None, _content_key(read), [matrix.tolist() for matrix in matrices]]
 
     renders = [identity("render", view, _render_of(view)) for view in rendered.targets]

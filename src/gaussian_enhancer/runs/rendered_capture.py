@@ -53,10 +53,9 @@ class SplatRenderer:
         Raises:
             InputError: the camera is None.
         """
-        drawing = self._render_view(name, camera, ("colour", "surface", "alpha"))
-        return RenderedView(
-            name, drawing.colour, camera, drawing.depth, drawing.alpha, None if photo is None else photo.read
-        )
+        render = self._lazy_render(name, camera, ("colour", "surface", "alpha"))
+        read_photo = None if photo is None else photo.read
+        return RenderedView(name, render.colour, camera, render.depth, render.alpha, read_photo)
 
     def reference(self, photo: Photo) -> RenderedView:
         """Create a reference from a photo, with the splat's render of the same view.
@@ -67,13 +66,13 @@ class SplatRenderer:
         Raises:
             InputError: the photo has no camera.
         """
-        drawing = self._render_view(photo.name, photo.camera, ("colour", "surface"))
-        return RenderedView(png_name(photo.name), drawing.colour, photo.camera, drawing.depth, None, photo.read)
+        render = self._lazy_render(photo.name, photo.camera, ("colour", "surface"))
+        return RenderedView(png_name(photo.name), render.colour, photo.camera, render.depth, None, photo.read)
 
-    def _render_view(self, name: str, camera: Camera | None, parts: tuple[str, ...]) -> "_LazyRender":
+    def _lazy_render(self, name: str, camera: Camera | None, planes: tuple[str, ...]) -> "_LazyRender":
         if camera is None:
             raise InputError(name, "has no camera to render from", "give a capture with cameras")
-        return _LazyRender(lambda: self(camera), parts)
+        return _LazyRender(lambda: self(camera), planes)
 
 
 def open_renderer(
@@ -125,12 +124,12 @@ def render_capture(
     """
     cameras = [photo.camera for photo in capture.train_photos if photo.camera is not None]
     renderer = open_renderer(file, cameras, capture.background, method, device, invalid)
-    sides = {"test": capture.test_photos, "train": capture.train_photos, "all": capture.photos}
-    if views not in sides:
-        raise InputError("views", f"is {views!r}", f"choose {', '.join(sides)}")
-    if not sides[views]:
+    photos = {"test": capture.test_photos, "train": capture.train_photos, "all": capture.photos}
+    if views not in photos:
+        raise InputError("views", f"is {views!r}", f"choose {', '.join(photos)}")
+    if not photos[views]:
         raise InputError(capture.name, f"has no {views} view", "change the split, or views=all")
-    targets = tuple(renderer.target(png_name(photo.name), photo.camera, photo) for photo in sides[views])
+    targets = tuple(renderer.target(png_name(photo.name), photo.camera, photo) for photo in photos[views])
     references = tuple(map(renderer.reference, capture.train_photos))
     return RenderedSet(capture.name, targets, references, capture.background, own_depth=True)
 
@@ -145,26 +144,26 @@ def png_name(name: str) -> str:
 
 
 class _LazyRender:
-    """One render whose colour, depth and opacity are read separately; each part is freed once it is read."""
+    """One render whose colour, depth and opacity are read separately; each is freed once it is read."""
 
-    def __init__(self, draw: Callable[[], Render], part_names: tuple[str, ...]) -> None:
-        self.draw, self.part_names = draw, part_names
-        self.parts: dict[str, Tensor] = {}
+    def __init__(self, draw: Callable[[], Render], plane_names: tuple[str, ...]) -> None:
+        self.draw, self.plane_names = draw, plane_names
+        self.planes: dict[str, Tensor] = {}
 
     def colour(self) -> Float[Tensor, "3 h w"]:
         """The render, rounded to 8 bits like a file of a folder of renders."""
-        return (self._part("colour").clamp(0, 1) * 255).round() / 255
+        return (self._pop("colour").clamp(0, 1) * 255).round() / 255
 
     def depth(self) -> Float[Tensor, "1 h w"]:
         """Surface depth."""
-        return self._part("surface")
+        return self._pop("surface")
 
     def alpha(self) -> Float[Tensor, "1 h w"]:
         """Opacity."""
-        return self._part("alpha")
+        return self._pop("alpha")
 
-    def _part(self, name: str) -> Tensor:
-        if name not in self.parts:
+    def _pop(self, name: str) -> Tensor:
+        if name not in self.planes:
             render = self.draw()
-            self.parts = {part: getattr(render, part) for part in self.part_names}
-        return self.parts.pop(name)
+            self.planes = {plane: getattr(render, plane) for plane in self.plane_names}
+        return self.planes.pop(name)

@@ -16,8 +16,7 @@ from yaml import YAMLError  # type: ignore[import-untyped]
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.runs import lock
-from gaussian_enhancer.runs import status as status
+from gaussian_enhancer.runs import lock, status
 from gaussian_enhancer.runs.instantiate import require
 
 IGNORED_KEYS = ("runs", "output", "runtime", "profile")

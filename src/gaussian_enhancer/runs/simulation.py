@@ -16,23 +16,6 @@ from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import read_run
 
 
-def integer_option(cfg: DictConfig, key: str, least: int) -> int:
-    """Read an option that must be an integer.
-
-    Args:
-        cfg: configuration of the job.
-        key: the option's name.
-        least: its smallest allowed value.
-
-    Raises:
-        InputError: the value is not an integer, or it is too small.
-    """
-    value = cfg[key]
-    if isinstance(value, bool) or not isinstance(value, int) or value < least:
-        raise InputError(key, f"is {value!r}", f"give a whole number of at least {least}")
-    return value
-
-
 def read_fitted_run(cfg: DictConfig) -> RenderedSet | None:
     """The views of the fitted run; None if a photo was given instead.
 
@@ -120,5 +103,4 @@ def gates_to_show(chosen: Gate, rendered: RenderedSet | None) -> dict[str, Gate 
     }
     kinds = {NoGate: "none", AllGate: "all", RandomGate: "random", AdaptiveGate: "adaptive", MixedGate: "adaptive"}
     kind = kinds.get(type(chosen), type(chosen).__name__)
-    others = {name: gate for name, gate in defaults.items() if name != kind}
-    return {f"{kind} (chosen)": chosen, **others}
+    return {f"{kind} (chosen)": chosen, **{name: gate for name, gate in defaults.items() if name != kind}}

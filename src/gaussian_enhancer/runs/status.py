@@ -26,7 +26,7 @@ BEFORE_RESULTS = frozenset({"config.yaml", RUNNING, FAILED, lock.NAME})
 StateName = Literal["not started", "running", "stopped", "failed", "done"]
 NAMES: tuple[StateName, ...] = ("not started", "running", "stopped", "failed", "done")
 
-_started_folders: ContextVar[list[Path] | None] = ContextVar("_opened", default=None)
+_started_folders: ContextVar[list[Path] | None] = ContextVar("_started_folders", default=None)
 
 
 @dataclass(frozen=True)
@@ -73,9 +73,9 @@ def mark_running(folder: Path) -> None:
         "time": time.time(),
     }
     _write(folder / RUNNING, process)
-    opened = _started_folders.get()
-    if opened is not None:
-        opened.append(folder)
+    started_folders = _started_folders.get()
+    if started_folders is not None:
+        started_folders.append(folder)
 
 
 def remove_marks(folder: Path) -> None:
@@ -93,7 +93,7 @@ def track_runs(discard: bool = False) -> Iterator[None]:
     Args:
         discard: remove runs that were refused before they wrote a result, instead of marking them as failed.
     """
-    with lock.release_at_end(), _collect_started_runs([]) as folders:
+    with lock.release_at_end(), _collect_started_runs() as folders:
         try:
             yield
         except Exception as error:
@@ -109,8 +109,9 @@ def track_runs(discard: bool = False) -> Iterator[None]:
 
 
 @contextmanager
-def _collect_started_runs(folders: list[Path]) -> Iterator[list[Path]]:
-    """Append each run that is started inside the context to the list, and yield the list."""
+def _collect_started_runs() -> Iterator[list[Path]]:
+    """Yield a list to which the folder of each run that is started inside the context is appended."""
+    folders: list[Path] = []
     token = _started_folders.set(folders)
     try:
         yield folders
@@ -148,15 +149,15 @@ def _unfinished(folders: list[Path]) -> list[Path]:
     return [folder for folder in folders if folder.is_dir() and not (folder / DONE).is_file()]
 
 
-def _writer_is_alive(who: dict[str, object]) -> bool:
+def _writer_is_alive(process: dict[str, object]) -> bool:
     """Whether the process that wrote ``running`` still exists; its number may have been reused by another process."""
     import psutil
 
     try:
-        created = psutil.Process(int(str(who["pid"]))).create_time()
+        created = psutil.Process(int(str(process["pid"]))).create_time()
     except (psutil.Error, ValueError, KeyError):
         return False
-    return abs(created - float(str(who.get("created", 0)))) < 2
+    return abs(created - float(str(process.get("created", 0)))) < 2
 
 
 def _read(mark: Path) -> dict[str, object]:

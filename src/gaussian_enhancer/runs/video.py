@@ -103,14 +103,14 @@ class VideoTask:
         path: cameras of the frames.
         enhancer: enhancer of the frames.
         task: the frames as targets, and the references.
-        found: the validated inputs.
+        validated: the validated inputs.
     """
 
     cfg: DictConfig
     path: CameraPath
     enhancer: SetEnhancer
     task: Task
-    found: ValidatedInputs
+    validated: ValidatedInputs
 
 
 @dataclass(frozen=True)
@@ -120,13 +120,13 @@ class VideoOutput:
     Args:
         encoding: encoding of a video; None writes images.
         layout: which images a frame shows, and how they are arranged.
-        place: the file, or the folder of images; None for the folder of the run.
+        destination: the file, or the folder of images; None for the folder of the run.
         sound: a video whose sound is copied; None for no sound.
     """
 
     encoding: Encoding | None
     layout: Layout
-    place: Path | None
+    destination: Path | None
     sound: Path | None = None
 
 
@@ -156,7 +156,8 @@ def read_output(cfg: DictConfig, path: CameraPath | None = None) -> VideoOutput:
         received = f"does not end in .{output_format}, which is the format"
         raise InputError(output, received, f"name it .{output_format}, or give format={' or '.join(FORMATS)}")
     path_fps, clip = (None, None) if path is None else (path.fps, path.clip)
-    encoding = Encoding(output_format, cfg.fps if cfg.fps is not None else path_fps or FPS, cfg.quality)
+    fps = cfg.fps if cfg.fps is not None else path_fps or FPS
+    encoding = Encoding(output_format, fps, cfg.quality)
     encoding.check(() if clip is None else clip.sound)
     return VideoOutput(encoding, layout, output, clip.path if clip is not None and clip.sound else None)
 
@@ -181,8 +182,8 @@ def prepare_video(cfg: DictConfig, device: torch.device) -> VideoTask:
 
 def load_video(cfg: DictConfig, device: torch.device) -> tuple[SetEnhancer, Task, ValidatedInputs]:
     """The enhancer, the task and the validated inputs of `prepare_video`, whose run time `apply_budget` measures."""
-    filmed = prepare_video(cfg, device)
-    return filmed.enhancer, filmed.task, filmed.found
+    video = prepare_video(cfg, device)
+    return video.enhancer, video.task, video.validated
 
 
 def read_path_task(cfg: DictConfig, device: str, fine: bool) -> tuple[CameraPath, Task]:
@@ -220,11 +221,12 @@ def compute_path(cfg: DictConfig, cameras: Sequence[Camera]) -> CameraPath:
         InputError: the path does not exist, it cannot be computed, or it leaves the capture.
     """
     requested, subject, height = str(cfg.path), f"path={cfg.path}", _whole_number(cfg, "height")
-    name, fps, clip = requested, None, None if cfg.input is None else _clip(cfg)
+    name, fps = requested, None
+    clip = None if cfg.input is None else _open_clip(cfg)
     path_cameras: Sequence[Camera]
     if requested in SHAPES:
-        frames = FRAMES if cfg.frames is None else cfg.frames
-        path_cameras = capture_path(requested, cameras, PathSettings(frames, cfg.cameras, cfg.turns, cfg.radius))
+        frame_count = FRAMES if cfg.frames is None else cfg.frames
+        path_cameras = capture_path(requested, cameras, PathSettings(frame_count, cfg.cameras, cfg.turns, cfg.radius))
     else:
         lens = common_lens(cameras)
         file = read_path(requested, lens.height, lens.width)
@@ -238,7 +240,7 @@ def compute_path(cfg: DictConfig, cameras: Sequence[Camera]) -> CameraPath:
     return CameraPath(name, tuple(camera.resized(clip.height, clip.width) for camera in path_cameras), clip.fps, clip)
 
 
-def _clip(cfg: DictConfig) -> Clip:
+def _open_clip(cfg: DictConfig) -> Clip:
     """Open the video whose frames are enhanced.
 
     Raises:
@@ -266,17 +268,17 @@ def _refuse_other_path(clip: Clip, cameras: Sequence[Camera], file: str) -> None
         raise InputError(clip.path, received, remedy)
 
 
-def run_configuration(filmed: VideoTask) -> DictConfig:
+def run_configuration(video: VideoTask) -> DictConfig:
     """The configuration that names the run's folder: all that frames depend on, with a digest of each file's content.
 
     Args:
-        filmed: the video to enhance.
+        video: the video to enhance.
     """
-    cfg, configuration = filmed.cfg, effective_options(filmed.cfg)
+    cfg, configuration = video.cfg, effective_options(video.cfg)
     splat = splat_file(cfg.run) if cfg.run is not None else find_splat(cfg.gaussians)
-    digests = {"path": _path_digest(filmed.path.cameras), "splat": file_digest(splat)}
-    if filmed.path.clip is not None:
-        digests["input"] = file_digest(filmed.path.clip.path)
+    digests = {"path": _path_digest(video.path.cameras), "splat": file_digest(splat)}
+    if video.path.clip is not None:
+        digests["input"] = file_digest(video.path.clip.path)
     with open_dict(configuration):
         for name in (*PRESENTATION_KEYS, "input"):  # the input is identified by its content
             configuration.pop(name, None)
@@ -306,8 +308,8 @@ def _whole_number(cfg: DictConfig, key: str) -> int | None:
 
 
 def _path_digest(cameras: Sequence[Camera]) -> str:
-    content = hashlib.sha256()
+    digest = hashlib.sha256()
     for camera in cameras:
-        content.update(camera.K.cpu().numpy().tobytes() + camera.world_to_camera.cpu().numpy().tobytes())
-        content.update(f"{camera.height}x{camera.width}".encode())
-    return content.hexdigest()
+        digest.update(camera.K.cpu().numpy().tobytes() + camera.world_to_camera.cpu().numpy().tobytes())
+        digest.update(f"{camera.height}x{camera.width}".encode())
+    return digest.hexdigest()

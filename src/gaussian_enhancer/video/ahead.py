@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from typing import TypeVar, cast
 
 T = TypeVar("T")
@@ -19,19 +20,16 @@ def compute_ahead(items: Iterable[T], count: int = 2) -> Iterator[T]:
 
     Args:
         items: the items, which are computed one after the other in one thread.
-        count: most items that are computed in advance; each stays in memory until it is used.
+        count: maximum number of items computed in advance; each stays in memory until it is used.
     """
     source = iter(items)
-
-    def made() -> object:
-        return next(source, END)
-
+    compute_next = partial(next, source, END)
     try:
         with ThreadPoolExecutor(1) as executor:
-            pending: deque[Future[object]] = deque(executor.submit(made) for _ in range(count))
+            pending: deque[Future[object]] = deque(executor.submit(compute_next) for _ in range(count))
             try:
                 while (item := pending.popleft().result()) is not END:
-                    pending.append(executor.submit(made))
+                    pending.append(executor.submit(compute_next))
                     yield cast(T, item)
             finally:
                 for future in pending:

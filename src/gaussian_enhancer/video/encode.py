@@ -6,14 +6,13 @@ Axes: h height, w width.
 import heapq
 import io
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
@@ -109,11 +108,9 @@ class VideoWriter:
         if encoding.container == "mp4":
             options["movflags"] = "frag_keyframe+empty_moov+default_base_moof"
         self._frames = 0
-        try:
+        with _write_errors(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             self._container = library.open(str(path), "w", format=encoding.container, options=options)
-        except OSError as error:
-            raise to_write_error(path, error) from error
         rate = Fraction(encoding.fps).limit_denominator(1001)
         stream: Any = self._container.add_stream(CODECS[encoding.container], rate=rate)
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
@@ -130,7 +127,11 @@ class VideoWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._guarded(self._close)
+        with _write_errors(self.path):
+            try:
+                self._container.mux(self._stream.encode(None))
+            finally:
+                self._container.close()
 
     def write(self, frame: Float[Tensor, "3 h w"]) -> None:
         """Add a frame.
@@ -141,8 +142,11 @@ class VideoWriter:
         Raises:
             InputError: the disk is full, or the file cannot be written.
         """
-        values = to_bytes(frame)
-        self._guarded(lambda: self._encode(values))
+        picture: Any = load_pyav().VideoFrame.from_ndarray(to_bytes(frame), format="rgb24")
+        picture = picture.reformat(format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG")
+        picture.pts, self._frames = self._frames, self._frames + 1
+        with _write_errors(self.path):
+            self._container.mux(self._stream.encode(picture))
 
     def finish(self, path: Path, sound: Path | None = None) -> None:
         """Convert the fragments to an ordinary, seekable file, and remove them. Call it after the block has ended.
@@ -156,55 +160,39 @@ class VideoWriter:
         """
         library = load_pyav()
         options = {"movflags": "faststart"} if self.encoding.container == "mp4" else {}
-        with atomic_write(path) as temporary:
-            try:
-                with ExitStack() as files:
-                    pictures = files.enter_context(library.open(str(self.path)))
-                    audio_files = () if sound is None else (files.enter_context(library.open(str(sound))),)
-                    target = files.enter_context(
-                        library.open(str(temporary), "w", format=self.encoding.container, options=options)
-                    )
-                    streams = (
-                        pictures.streams.video[0],
-                        *(item for file in audio_files for item in file.streams.audio),
-                    )
-                    copies = [(item, target.add_stream_from_template(item)) for item in streams]
-                    for packet, stream in heapq.merge(*(_packets(*item) for item in copies), key=_decoding_time):
-                        packet.stream = stream
-                        target.mux(packet)
-            except OSError as error:
-                raise to_write_error(path, error) from error
+        with atomic_write(path) as temporary, _write_errors(path), ExitStack() as files:
+            streams = [files.enter_context(library.open(str(self.path))).streams.video[0]]
+            if sound is not None:
+                streams += files.enter_context(library.open(str(sound))).streams.audio
+            target = files.enter_context(
+                library.open(str(temporary), "w", format=self.encoding.container, options=options)
+            )
+            copies = [(stream, target.add_stream_from_template(stream)) for stream in streams]
+            for packet, target_stream in heapq.merge(*(_packets(*pair) for pair in copies), key=_decoding_time):
+                packet.stream = target_stream
+                target.mux(packet)
         self.path.unlink(missing_ok=True)
 
-    def _encode(self, values: np.ndarray) -> None:
-        picture: Any = load_pyav().VideoFrame.from_ndarray(values, format="rgb24")
-        picture = picture.reformat(format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG")
-        picture.pts, self._frames = self._frames, self._frames + 1
-        self._container.mux(self._stream.encode(picture))
 
-    def _close(self) -> None:
-        try:
-            self._container.mux(self._stream.encode(None))
-        finally:
-            self._container.close()
-
-    def _guarded(self, work: Any) -> None:
-        try:
-            work()
-        except OSError as error:
-            raise to_write_error(self.path, error) from error
+@contextmanager
+def _write_errors(path: Path) -> Iterator[None]:
+    """Convert system errors inside the context to an `InputError` about the file that is written."""
+    try:
+        yield
+    except OSError as error:
+        raise to_write_error(path, error) from error
 
 
-def _packets(given: Any, stream: Any) -> Iterator[tuple[Any, Any]]:
-    """The packets of a stream, each with the stream that it is copied to."""
-    for packet in given.container.demux(given):
+def _packets(source: Any, target: Any) -> Iterator[tuple[Any, Any]]:
+    """The packets of a source stream, each with the target stream that it is copied to."""
+    for packet in source.container.demux(source):
         if packet.dts is not None:
-            yield packet, stream
+            yield packet, target
 
 
-def _decoding_time(one: tuple[Any, Any]) -> float:
+def _decoding_time(packet_and_target: tuple[Any, Any]) -> float:
     """Decoding time of a packet in seconds."""
-    packet, _ = one
+    packet, _ = packet_and_target
     return float(packet.dts * packet.time_base)
 
 

@@ -34,13 +34,14 @@ class RenderedFrame:
         index: 0 for the first.
         view: the view, with its pixels in memory.
         target: pixels of the view; None where neither the frame nor the next one needs its render.
-        kept: the enhanced view in 8 bits and the references considered for it, read from disk; None where not on disk.
+        stored_frame: the enhanced view in 8 bits and the names of the references considered for it, read from disk;
+            None where they are not on disk.
     """
 
     index: int
     view: RenderedView
     target: LoadedView | None
-    kept: tuple[Float[Tensor, "3 H W"], tuple[str, ...]] | None
+    stored_frame: tuple[Float[Tensor, "3 H W"], tuple[str, ...]] | None
 
 
 @dataclass(frozen=True)
@@ -154,17 +155,17 @@ class Film:
         previous: PreviousChange | None = None
         config = self.enhancer.reference_config
         for frame in rendered_frames:
-            if frame.kept is not None:
-                image, candidates = frame.kept
+            if frame.stored_frame is not None:
+                image, candidates = frame.stored_frame
                 _restore_candidates(config, candidates)
             else:
                 image = self._enhance(frame.view, previous)
                 candidates = tuple(config.kept) if isinstance(config, PathReferences) else ()
-            target = frame.target
-            smoothing = self.enhancer.temporal_smoothing > 0 and target is not None
-            previous = PreviousChange(image - target.image, target) if smoothing and target is not None else None
+            target, previous = frame.target, None
+            if target is not None and self.enhancer.temporal_smoothing > 0:
+                previous = PreviousChange(image - target.image, target)
             render = None if target is None else target.image
-            yield Frame(frame.index, image, render, candidates, frame.kept is not None)
+            yield Frame(frame.index, image, render, candidates, frame.stored_frame is not None)
 
     def write_frames(self, frames: Iterable[Frame]) -> Iterator[Frame]:
         """Third stage: write new frames to the folder.
@@ -185,12 +186,12 @@ class Film:
         next_is_new = index + 1 < len(self.stored) and not self.stored[index + 1]
         return not self.stored[index] or self.show_renders or (self.enhancer.temporal_smoothing > 0 and next_is_new)
 
-    def _enhance(self, view: RenderedView, before: PreviousChange | None) -> Float[Tensor, "3 H W"]:
+    def _enhance(self, view: RenderedView, previous: PreviousChange | None) -> Float[Tensor, "3 H W"]:
         single_view = replace(self.rendered, targets=(view,))
         (enhanced,) = self.enhancer(single_view, self.planner, self.pool, self._features)
-        smoothing_share, image = self.enhancer.temporal_smoothing, enhanced.image
-        if smoothing_share > 0:
-            image, _ = smooth_change(image, read_target(view), before, smoothing_share)
+        smoothing, image = self.enhancer.temporal_smoothing, enhanced.image
+        if smoothing > 0:
+            image, _ = smooth_change(image, read_target(view), previous, smoothing)
         return quantise_8_bit(image)
 
 

@@ -121,10 +121,10 @@ def status(frame: int, picture: Float[Tensor, "3 _ _"], view: StageView, mode: M
     """
     height, width = picture.shape[-2:]
     times = view.times
-    parts = f"render {times.rendering:.0f}"
+    stages = f"render {times.rendering:.0f}"
     if view.enhanced is not None:
-        parts += f", references {times.preparing:.0f}, network {times.enhancing:.0f}"
-    lines = [f"**{times.total:.0f} ms** ({parts}), {width} × {height}, frame {frame}"]
+        stages += f", references {times.preparing:.0f}, network {times.enhancing:.0f}"
+    lines = [f"**{times.total:.0f} ms** ({stages}), {width} × {height}, frame {frame}"]
     if view.blank:
         lines.append("The splat is not visible from here: turn the camera or move back.")
     elif view.enhanced is not None and not view.references:

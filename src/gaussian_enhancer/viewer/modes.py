@@ -28,7 +28,7 @@ MODES = {
 """The modes by name, with the legend of each."""
 MAX_DIFFERENCE = 0.2
 """Colour difference that the difference map shows in its lightest colour; larger ones are clamped."""
-OUTER = 0.02
+OUTLIER_SHARE = 0.02
 """Share of the pixels below the depth map's range of inverse depth, and share of those above it."""
 
 
@@ -106,5 +106,5 @@ def _nearness(depth: Float[Tensor, "1 h w"]) -> Float[Tensor, "h w"]:
         return torch.zeros_like(depth[0])
     inverse = torch.where(has_depth, 1 / depth[0].clamp(min=torch.finfo(depth.dtype).tiny), 0.0)
     samples = inverse[has_depth][:: max(1, int(has_depth.sum()) // 20_000)]
-    low, high = (float(torch.quantile(samples, share)) for share in (OUTER, 1 - OUTER))
+    low, high = (float(torch.quantile(samples, share)) for share in (OUTLIER_SHARE, 1 - OUTLIER_SHARE))
     return torch.where(has_depth, 0.1 + 0.9 * (inverse - low) / max(high - low, 1e-12), 0.0)

@@ -99,16 +99,16 @@ class Page:
         controls.go.on_click(self._report_errors(self._go_to_photo))
 
     def _on_connect(self, client: Any) -> None:
-        last = _page_camera(client)
+        last_camera = _page_camera(client)
 
-        def moved(_: Any) -> None:
-            nonlocal last
+        def on_camera_update(_: Any) -> None:
+            nonlocal last_camera
             camera = _page_camera(client)
-            if camera != last:
-                last = camera
+            if camera != last_camera:
+                last_camera = camera
                 self.worker.camera_moved(client.client_id)
 
-        client.camera.on_update(moved)
+        client.camera.on_update(on_camera_update)
         self.worker.add_viewer(client.client_id)
 
     def _on_disconnect(self, client: Any) -> None:

@@ -1,7 +1,7 @@
 """Files that the viewer saves: pictures with their cameras, and camera paths that the job ``video`` reads."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from jaxtyping import Float
@@ -75,12 +75,12 @@ class SavedFiles:
 
 
 def path_through_cameras(
-    kept: Sequence[PageCamera], width: int, seconds: float, capture: Sequence[Camera], fps: float = FPS
+    waypoints: Sequence[PageCamera], width: int, seconds: float, capture: Sequence[Camera], fps: float = FPS
 ) -> tuple[Camera, ...]:
     """Cameras of a path at constant speed through cameras that were added on the page, all with the first one's aspect.
 
     Args:
-        kept: the cameras that were added, in the path's order.
+        waypoints: the cameras that were added, in the path's order.
         width: width of the frames in pixels.
         seconds: duration of the path.
         capture: cameras of the capture.
@@ -89,11 +89,9 @@ def path_through_cameras(
     Raises:
         InputError: there are fewer than two cameras, or the path leaves the capture, which the job ``video`` refuses.
     """
-    if len(kept) < 2:
-        raise InputError("camera path", f"passes {len(kept)} cameras", "add the cameras it shall pass, at least 2")
-    waypoints = [
-        PageCamera(camera.position, camera.wxyz, camera.fov, kept[0].aspect).to_camera(width) for camera in kept
-    ]
-    path = smooth_path(waypoints, max(2, round(seconds * fps)), even_speed=True)
+    if len(waypoints) < 2:
+        raise InputError("camera path", f"passes {len(waypoints)} cameras", "add the cameras it shall pass, at least 2")
+    cameras = [replace(camera, aspect=waypoints[0].aspect).to_camera(width) for camera in waypoints]
+    path = smooth_path(cameras, max(2, round(seconds * fps)), even_speed=True)
     refuse_outside(path, capture, "camera path")
     return path

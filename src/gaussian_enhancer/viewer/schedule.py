@@ -6,7 +6,7 @@ A viewer is a browser that shows the page; it is given by its identifier. Times 
 import threading
 import time
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 SETTLE_SECONDS = 0.25
@@ -15,9 +15,15 @@ INITIAL_MOVE_SECONDS = 1.0
 """Seconds in which a new browser moves its camera to the initial pose."""
 
 
-@dataclass
+@dataclass(frozen=True)
 class _PendingViews:
-    """Pending views of one viewer: whether a small one is due at once, and when the full one is due."""
+    """Pending views of one viewer.
+
+    Args:
+        small: whether a small view is due at once.
+        full_at: time at which the full view is due.
+        version: number of the viewer's request.
+    """
 
     small: bool
     full_at: float
@@ -94,20 +100,20 @@ class ViewSchedule:
         Args:
             now: the present time.
         """
-        for viewer, due in self._pending.items():
-            if due.small:
+        for viewer, pending in self._pending.items():
+            if pending.small:
                 self._pending.pop(viewer)  # inserted again at the end, so that viewers take turns
-                self._pending[viewer] = _PendingViews(False, due.full_at, due.version)
-                return ViewTask(viewer, False, due.version)
-        for viewer, due in self._pending.items():
-            if due.full_at <= now:
+                self._pending[viewer] = replace(pending, small=False)
+                return ViewTask(viewer, False, pending.version)
+        for viewer, pending in self._pending.items():
+            if pending.full_at <= now:
                 self._pending.pop(viewer)
-                return ViewTask(viewer, True, due.version)
+                return ViewTask(viewer, True, pending.version)
         return None
 
     def wait(self, now: float) -> float | None:
         """Seconds until a view is due; None where none is pending."""
-        times = [now if due.small else due.full_at for due in self._pending.values()]
+        times = [now if pending.small else pending.full_at for pending in self._pending.values()]
         return max(0.0, min(times) - now) if times else None
 
     def is_superseded(self, task: ViewTask) -> bool:

@@ -27,7 +27,7 @@ def serve_page(
     saved: SavedFiles,
     settings: PageSettings,
     address: tuple[str, int],
-    told: Callable[[str], None],
+    notify: Callable[[str], None],
 ) -> Iterator[tuple[Page, str]]:
     """Serve a page until the block ends; yield the page and its address.
 
@@ -36,7 +36,7 @@ def serve_page(
         saved: files of saved views and paths.
         settings: settings of the page.
         address: host and port to listen at; port 0 takes a free one.
-        told: called with each message for the user at the terminal.
+        notify: called with each message for the user at the terminal.
 
     Raises:
         InputError: viser is not installed, or no server can listen at the address.
@@ -52,7 +52,7 @@ def serve_page(
             raise InputError(f"port={port}", "is in use", "give another port, or port=0 for a free one")
         _disable_sharing(server)
         _set_initial_camera(server, session)
-        page = Page(server, session, saved, settings, told)
+        page = Page(server, session, saved, settings, notify)
         page.worker.start()
         try:
             yield page, f"http://{'localhost' if host in ('0.0.0.0', '::') else host}:{bound_port}"
@@ -94,7 +94,7 @@ def focus_distance(session: Session, camera: PageCamera) -> float:
     picture_camera: Camera = camera.to_camera(DEPTH_RENDER_WIDTH)
     view = session.draw(session.initial_choice, picture_camera, enhance=False)
     if view is None:
-        raise ValueError("a view that nothing takes the place of is drawn")
+        raise ValueError("a view that nothing supersedes is drawn")
     height, width = view.depth.shape[-2:]
     middle = view.depth[0, height // 4 : height - height // 4, width // 4 : width - width // 4]
     for depth in (middle, view.depth):

@@ -20,8 +20,8 @@ class SessionChoice:
     Args:
         splat: name of the splat.
         weights: shipped name or file.
-        plan: name of the plan, whose rules say which parts of the input may be left out.
-        max_references: most photos that the network uses; None takes as many as in training.
+        plan: name of the plan, whose rules state which parts of the input may be left out.
+        max_references: maximum number of photos that the network uses; None takes as many as in training.
         strength: share of the network's change that is applied, in [0, 1]; None takes the value in the weights' card.
 
     Raises:

@@ -44,11 +44,11 @@ def open_session(cfg: DictConfig, device: torch.device) -> Session:
     plans = _plans(build(cfg.plan))
     strength = None if cfg.strength is None else float(cfg.strength)
     initial_splat = DISTILLED if cfg.distilled is not None else RAW
-    first = SessionChoice(initial_splat, str(cfg.weights), next(iter(plans)), cfg.max_references, strength)
-    choices = Choices(tuple(files), _weights(first.weights), plans)
+    initial_choice = SessionChoice(initial_splat, str(cfg.weights), next(iter(plans)), cfg.max_references, strength)
+    choices = Choices(tuple(files), _weights(initial_choice.weights), plans)
     stages = _StageBuilder(cfg, device, capture, files, plans)
-    session = Session(_name(capture), capture.cameras, choices, first, stages.open)
-    session.stage(first)
+    session = Session(_capture_name(capture), capture.cameras, choices, initial_choice, stages.open)
+    session.stage(initial_choice)
     return session
 
 
@@ -132,20 +132,21 @@ def _splat_path(distilled: str) -> Path:
     return splat_file(distilled) if Path(distilled).is_dir() else Path(distilled)
 
 
-def _plans(given: Rules) -> dict[str, Rules]:
+def _plans(configured: Rules) -> dict[str, Rules]:
     """Plans to choose from; the configured one is the first."""
-    known = {"auto": AUTO, "full": Rules()}
-    configured = {name: rules for name, rules in known.items() if rules == given} or {CONFIGURED_PLAN: given}
-    return {**configured, **{name: rules for name, rules in known.items() if name not in configured}}
+    plans = {"auto": AUTO, "full": Rules()}
+    name = next((name for name, rules in plans.items() if rules == configured), CONFIGURED_PLAN)
+    return {name: configured, **plans}
 
 
-def _weights(given: str) -> tuple[str, ...]:
+def _weights(configured: str) -> tuple[str, ...]:
     """Weights to choose from: the configured ones first, then the shipped ones."""
     shipped = sorted(file.stem for prefix in ("lr", "sr") for file in SHIPPED_FOLDER.glob(f"{prefix}_*.safetensors"))
-    return tuple(dict.fromkeys((given, *shipped)))
+    return tuple(dict.fromkeys((configured, *shipped)))
 
 
-def _name(capture: Capture) -> str:
+def _capture_name(capture: Capture) -> str:
+    """The capture's name; a capture without cameras is refused."""
     name = capture.rendered.name if capture.scene is None else capture.scene.name
     if not capture.cameras:
         raise InputError(name, "has no camera", "give a capture with cameras")
