@@ -45,8 +45,8 @@ def refused(capsys: pytest.CaptureFixture[str]) -> Refused:
         assert lines[0].startswith("gaussian-enhancer: "), lines
         assert lines[0].count("; ") >= 1, "a remedy is missing"
         ignored = (*allowed, "failed") if allowed else ("\0",)  # where a run's folder stays, it says why it failed
-        left = {path: data for path, data in contents().items() if not path.endswith(ignored)}
-        assert left == before
+        written_files = {path: data for path, data in contents().items() if not path.endswith(ignored)}
+        assert written_files == before
         return lines[0]
 
     return run
@@ -136,13 +136,13 @@ SPOILT: dict[str, tuple[Callable[[], object], tuple[str, ...], str]] = {
 
 @pytest.mark.parametrize("case", SPOILT)
 def test_measure_files(measured: tuple[str, ...], refused: Refused, case: str) -> None:
-    spoil, words, found = SPOILT[case]
+    spoil, words, message = SPOILT[case]
     spoil()
-    assert found in refused(*measured, *words)
+    assert message in refused(*measured, *words)
 
 
 @pytest.mark.parametrize(
-    ("words", "found"),
+    ("words", "message"),
     [
         (("images=null",), "no images to measure"),
         (("run=out",), "together with images"),
@@ -154,8 +154,8 @@ def test_measure_files(measured: tuple[str, ...], refused: Refused, case: str) -
         (("masks=photos", "raw=none"), "none: is no folder"),
     ],
 )
-def test_measure_options(measured: tuple[str, ...], refused: Refused, words: tuple[str, ...], found: str) -> None:
-    assert found in refused(*measured, *words)
+def test_measure_options(measured: tuple[str, ...], refused: Refused, words: tuple[str, ...], message: str) -> None:
+    assert message in refused(*measured, *words)
 
 
 def test_measure_run_without_renders(capture: Path, refused: Refused) -> None:
@@ -224,8 +224,8 @@ SPOILT_CAPTURES: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
         lambda capture: save(capture / "images/3.png", (WIDTH, HEIGHT + 5)),
         ("3.png", f"{WIDTH}x{HEIGHT + 5}"),
     ),
-    "one photo": (frames(lambda found: found[:1]), ("photo",)),
-    "no frames": (frames(lambda found: []), ("transforms.json",)),
+    "one photo": (frames(lambda entries: entries[:1]), ("photo",)),
+    "no frames": (frames(lambda entries: []), ("transforms.json",)),
     "a camera that is not finite": (
         lambda capture: edit(capture, lambda c: c["frames"][3]["transform_matrix"][0].__setitem__(0, math.nan)),
         ("transforms.json",),
@@ -236,10 +236,10 @@ SPOILT_CAPTURES: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
 
 @pytest.mark.parametrize("case", SPOILT_CAPTURES)
 def test_fit_captures(capture: Path, refused: Refused, case: str) -> None:
-    spoil, found = SPOILT_CAPTURES[case]
+    spoil, texts = SPOILT_CAPTURES[case]
     spoil(capture)
     line = refused(*fit(capture))
-    assert all(text in line for text in found), line
+    assert all(text in line for text in texts), line
 
 
 def test_fit_empty_folder(refused: Refused) -> None:
@@ -256,7 +256,7 @@ def test_fit_without_a_scene(refused: Refused) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "found"),
+    ("words", "message"),
     [
         (("settings.steps=0",), "steps"),
         (("settings.steps=1.5",), "settings.steps: is 1.5; give a whole number"),
@@ -279,8 +279,8 @@ def test_fit_without_a_scene(refused: Refused) -> None:
         (("runtime.threads=0",), "runtime.threads"),
     ],
 )
-def test_fit_options(capture: Path, refused: Refused, words: tuple[str, ...], found: str) -> None:
-    assert found in refused(*fit(capture, *words))
+def test_fit_options(capture: Path, refused: Refused, words: tuple[str, ...], message: str) -> None:
+    assert message in refused(*fit(capture, *words))
 
 
 @pytest.mark.parametrize("word", ["settings.steps=abc", "scene.downscale=abc", "runtime.threads=0", "nothing=1"])
@@ -344,7 +344,7 @@ def test_fit_damaged_checkpoint(capture: Path, refused: Refused) -> None:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def inputs_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A capture, a fit of it and the weights of an untrained network; copied by each case that spoils it."""
     from gaussian_enhancer.align.references import ReferenceConfig
     from gaussian_enhancer.infer.weights import save_weights
@@ -354,7 +354,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from gaussian_enhancer.splat.fit.settings import FitSettings
     from gaussian_enhancer.splat.methods import ThreeDGS
 
-    folder = tmp_path_factory.mktemp("made")
+    folder = tmp_path_factory.mktemp("inputs_folder")
     write_capture(folder / "capture")
     settings = FitSettings(steps=2, init="random", snapshots=())
     fit_splat(load_transforms(folder / "capture"), ThreeDGS(), folder / "fitted", settings, progress=False)
@@ -365,8 +365,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def workplace(made: Path) -> None:
-    shutil.copytree(made, Path(), dirs_exist_ok=True)
+def workplace(inputs_folder: Path) -> None:
+    shutil.copytree(inputs_folder, Path(), dirs_exist_ok=True)
 
 
 def enhance(*words: str) -> tuple[str, ...]:
@@ -444,9 +444,9 @@ SPOILT_RUNS: dict[str, tuple[str, Callable[[], object], str]] = {
 
 @pytest.mark.parametrize("case", SPOILT_RUNS)
 def test_enhance_files(workplace: None, refused: Refused, case: str) -> None:
-    form, spoil, found = SPOILT_RUNS[case]
+    form, spoil, message = SPOILT_RUNS[case]
     spoil()
-    assert found in refused(*FORMS[form])
+    assert message in refused(*FORMS[form])
 
 
 def test_enhance_run_of_another_step_or_place(workplace: None, refused: Refused) -> None:
@@ -504,12 +504,12 @@ def test_enhance_splat_whose_photos_are_cut_or_missing(workplace: None, refused:
 
 
 def test_enhance_splat_with_a_single_photo(workplace: None, refused: Refused) -> None:
-    frames(lambda found: found[:1])(Path("capture"))
+    frames(lambda entries: entries[:1])(Path("capture"))
     assert "photo" in refused(*FORMS["gaussians"])
 
 
 @pytest.mark.parametrize(
-    ("words", "found"),
+    ("words", "message"),
     [
         (("method=4dgs",), "method: is '4dgs'; choose auto, 3dgs, 2dgs, mip_splatting"),
         (("views=some",), "views: is 'some'"),
@@ -533,8 +533,8 @@ def test_enhance_splat_with_a_single_photo(workplace: None, refused: Refused) ->
         (("invalid=ignore",), "invalid: is 'ignore'"),
     ],
 )
-def test_enhance_options(workplace: None, refused: Refused, words: tuple[str, ...], found: str) -> None:
-    assert found in refused(*FORMS["gaussians"], *words)
+def test_enhance_options(workplace: None, refused: Refused, words: tuple[str, ...], message: str) -> None:
+    assert message in refused(*FORMS["gaussians"], *words)
 
 
 def test_enhance_splat_without_its_capture(workplace: None, refused: Refused) -> None:
@@ -593,14 +593,14 @@ def test_enhance_full_disk(
 
 
 @pytest.mark.parametrize(
-    ("word", "found"),
+    ("word", "message"),
     [
         ("seed=-1", "seed: is -1; give a number of at least 0"),
         ("trainer.max_steps=-7", "trainer.max_steps: is -7; give a number of at least -1"),
     ],
 )
-def test_train_options(refused: Refused, word: str, found: str) -> None:
-    assert found in refused("train", "logger=csv", "data.train=[nowhere]", "data.validation=[nowhere]", word)
+def test_train_options(refused: Refused, word: str, message: str) -> None:
+    assert message in refused("train", "logger=csv", "data.train=[nowhere]", "data.validation=[nowhere]", word)
 
 
 def test_a_study_of_no_runs_writes_no_page(refused: Refused) -> None:
@@ -721,7 +721,7 @@ def test_simulate_depth_that_does_not_fit(simulated: tuple[str, ...], refused: R
 
 
 @pytest.mark.parametrize(
-    ("words", "found"),
+    ("words", "message"),
     [
         (("image=null",), "was given nothing to simulate from"),
         (("run=nowhere",), "was given image and run"),
@@ -741,8 +741,8 @@ def test_simulate_depth_that_does_not_fit(simulated: tuple[str, ...], refused: R
         (("runtime.device=tpu",), "runtime.device: is 'tpu'"),
     ],
 )
-def test_simulate_options(simulated: tuple[str, ...], refused: Refused, words: tuple[str, ...], found: str) -> None:
-    assert found in refused(*simulated, *words)
+def test_simulate_options(simulated: tuple[str, ...], refused: Refused, words: tuple[str, ...], message: str) -> None:
+    assert message in refused(*simulated, *words)
 
 
 def test_simulate_full_disk(simulated: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:

@@ -47,11 +47,11 @@ def test_the_page_shows_what_was_measured_and_the_fit_is_found_again(tmp_path: P
     shown = capsys.readouterr()
     (page,) = (tmp_path / "runs" / "demo").glob("*/report.html")
     assert page.resolve().as_uri() in shown.err
-    found = re.search(r'id="report-data">(.*?)</script>', page.read_text(encoding="utf-8"), re.S)
-    assert found
+    data_block = re.search(r'id="report-data">(.*?)</script>', page.read_text(encoding="utf-8"), re.S)
+    assert data_block
     (records,) = (tmp_path / "runs" / "measure").glob("*/records.jsonl")
     expected = {(r.view, r.variant): r.metrics["psnr"] for r in read_records(records)}
-    views = json.loads(found[1])["views"]
+    views = json.loads(data_block[1])["views"]
     assert len(views) == 2
     for view in views:
         assert view["raw"]["psnr"] == expected[view["name"], "raw"]

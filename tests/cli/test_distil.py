@@ -82,12 +82,12 @@ def test_a_run_becomes_a_better_run_of_the_same_kind(plane_run, words, weights, 
     assert stored.sh.shape == before.sh.shape
     assert (stored.smoothing is None) == (before.smoothing is None)
     assert run_steps(tmp_path / "better") == (0, STEPS)
-    records = [one for one in read_records(tmp_path / "better/records.jsonl") if one.kind == "quality"]
-    assert [one.splat for one in records] == [f"{kind}/0"] * 2 + [f"{kind}/{STEPS}"] * 2
-    raw, found = (sum(one.metrics["psnr"] for one in half) / 2 for half in (records[:2], records[2:]))
-    assert after == pytest.approx(found)
-    assert found > raw + 0.1
-    assert f"held-out PSNR {raw:.2f} -> {found:.2f} dB" in capsys.readouterr().err
+    records = [record for record in read_records(tmp_path / "better/records.jsonl") if record.kind == "quality"]
+    assert [record.splat for record in records] == [f"{kind}/0"] * 2 + [f"{kind}/{STEPS}"] * 2
+    raw, distilled = (sum(record.metrics["psnr"] for record in half) / 2 for half in (records[:2], records[2:]))
+    assert after == pytest.approx(distilled)
+    assert distilled > raw + 0.1
+    assert f"held-out PSNR {raw:.2f} -> {distilled:.2f} dB" in capsys.readouterr().err
     rendered = read_run(tmp_path / "better")
     assert (len(rendered.targets), len(rendered.references)) == (2, 6)
     enhance(configured(f"run={tmp_path / 'better'}", f"weights={weights}", f"output={tmp_path / 'out'}", job="enhance"))
@@ -101,30 +101,30 @@ def test_enhance_distils_first_where_it_is_asked_to(fitted, weights, tmp_path, m
         return compose_job(name, cfg, (f"weights={weights}", *settings), **values)
 
     monkeypatch.setattr("gaussian_enhancer.cli.enhance.compose_job", quick)
-    given = f"run={fitted}", f"weights={weights}", f"runs={tmp_path / 'runs'}", "distil=true"
+    overrides = f"run={fitted}", f"weights={weights}", f"runs={tmp_path / 'runs'}", "distil=true"
 
-    def started(*more: str) -> None:
-        cfg = configured(*given, *more, job="enhance")
+    def started(*extra: str) -> None:
+        cfg = configured(*overrides, *extra, job="enhance")
         with initialised():
             enhance(cfg)
 
     started(f"output={tmp_path / 'once'}")
-    (made,) = (tmp_path / "runs/distil").iterdir()
-    assert (made / "done").is_file()
-    started(f"run={made}", "distil=false", f"output={tmp_path / 'twice'}")
+    (distilled_run,) = (tmp_path / "runs/distil").iterdir()
+    assert (distilled_run / "done").is_file()
+    started(f"run={distilled_run}", "distil=false", f"output={tmp_path / 'twice'}")
     monkeypatch.setattr("gaussian_enhancer.distil.task.distil", lambda *_, **__: pytest.fail("was made again"))
     started(f"output={tmp_path / 'again'}")
     names = sorted(path.name for path in (tmp_path / "once").iterdir())
     assert len(names) == 2
     for name in names:
         assert len({(tmp_path / folder / name).read_bytes() for folder in ("once", "twice", "again")}) == 1
-    for more, told in (
+    for extra, message in (
         ("dry_run=true", "dry_run: comes with distil=true"),
         ("step=3", "step: comes with distil=true"),
         ("run=null", "distil: is asked for without a splat"),
     ):
-        with pytest.raises(InputError, match=told):
-            started(more)
+        with pytest.raises(InputError, match=message):
+            started(extra)
 
 
 def test_the_same_command_finds_the_finished_run(words, tmp_path, monkeypatch):
@@ -135,31 +135,31 @@ def test_the_same_command_finds_the_finished_run(words, tmp_path, monkeypatch):
 
 
 def test_held_out_photos_change_nothing_but_the_measurement(fitted, words, tmp_path):
-    other = tmp_path / "other"
-    shutil.copytree(fitted, other)
-    for path in (other / "test").rglob("*.png"):
+    changed_run = tmp_path / "changed_run"
+    shutil.copytree(fitted, changed_run)
+    for path in (changed_run / "test").rglob("*.png"):
         size = Image.open(path).size
         noise = np.random.default_rng(0).integers(0, 255, (size[1], size[0], 3), np.uint8)
         Image.fromarray(noise if path.parent.name != "alpha" else noise[..., 0]).save(path)
     one = run(configured(*words, f"output={tmp_path / 'one'}"))
-    two = run(configured(*words, f"run={other}", f"output={tmp_path / 'two'}"))
+    two = run(configured(*words, f"run={changed_run}", f"output={tmp_path / 'two'}"))
     assert (tmp_path / "one/splat.ply").read_bytes() == (tmp_path / "two/splat.ply").read_bytes()
     assert one != two
 
 
 def test_original_3dgs_output_whose_sides_are_both_numbered_from_0(fitted, words, tmp_path):
     source, cameras = tmp_path / "original", json.loads((fitted / "cameras.json").read_text())
-    ordered = sorted(cameras, key=lambda one: (one["split"] != "test", one["img_name"]))
+    ordered = sorted(cameras, key=lambda view: (view["split"] != "test", view["img_name"]))
     counts = {"test": 0, "train": 0}
     for entry in ordered:
         side, stem = entry["split"], Path(entry["img_name"]).stem
-        for part in ("renders", "gt"):
-            place = source / side / "ours_100" / part / f"{counts[side]:05d}.png"
+        for subfolder in ("renders", "gt"):
+            place = source / side / "ours_100" / subfolder / f"{counts[side]:05d}.png"
             place.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(fitted / side / "ours_100" / part / f"{stem}.png", place)
+            shutil.copy(fitted / side / "ours_100" / subfolder / f"{stem}.png", place)
         counts[side] += 1
-    kept = [{key: value for key, value in entry.items() if key != "split"} for entry in ordered]
-    (source / "cameras.json").write_text(json.dumps(kept))
+    entries = [{key: value for key, value in entry.items() if key != "split"} for entry in ordered]
+    (source / "cameras.json").write_text(json.dumps(entries))
     write_ply(source / "point_cloud/iteration_100/point_cloud.ply", kinds()["3dgs"])
     assert run(configured(*words, f"run={source}", f"output={tmp_path / 'better'}")) > 0
     rendered = read_run(tmp_path / "better")
@@ -171,7 +171,7 @@ def test_original_3dgs_output_whose_sides_are_both_numbered_from_0(fitted, words
 def test_a_small_file_beside_the_splat(words, tmp_path, name, file):
     pytest.importorskip("gsply", reason="gsply is in the dependency group `test`")
     run(configured(*words, f"format={name}", "settings.share=0", "settings.steps=3", f"output={tmp_path / 'small'}"))
-    small, whole = (read_splat(tmp_path / "small" / one) for one in (file, "splat.ply"))
+    small, whole = (read_splat(tmp_path / "small" / splat_name) for splat_name in (file, "splat.ply"))
     assert len(small) == len(whole)
     assert (tmp_path / "small" / file).stat().st_size < 0.6 * (tmp_path / "small/splat.ply").stat().st_size
 
@@ -183,8 +183,8 @@ def test_a_splat_and_its_capture(fitted, words, tmp_path, monkeypatch):
     )
     capture = Scene("capture", photos, tuple(range(len(photos))), ())
     monkeypatch.setattr("gaussian_enhancer.distil.task.build", patched_build(capture))
-    given = f"gaussians={fitted / 'splat.ply'}", "run=null", "scene=capture", "scene.path=x"
-    assert run(configured(*words, *given, f"output={tmp_path / 'better'}")) is None
+    overrides = f"gaussians={fitted / 'splat.ply'}", "run=null", "scene=capture", "scene.path=x"
+    assert run(configured(*words, *overrides, f"output={tmp_path / 'better'}")) is None
     assert read_ply(tmp_path / "better/splat.ply").sh.shape == (576, 4, 3)
     assert not (tmp_path / "better/test").exists()
 

@@ -28,8 +28,8 @@ OBJECTS = {
 }
 
 
-def configured(folder: Path, served: Served, dataset: str, *overrides: str, known: bool = True) -> DictConfig:
-    stated = [f"bytes={len(served.content)}", f"+sha256={sha256(served.content)}"] if known else ["bytes=null"]
+def configured(folder: Path, served: Served, dataset: str, *overrides: str, checksum_known: bool = True) -> DictConfig:
+    stated = [f"bytes={len(served.content)}", f"+sha256={sha256(served.content)}"] if checksum_known else ["bytes=null"]
     replaced = ["url=" + served.url, "+md5=null", *stated]
     words = [f"dataset={dataset}", f"folder={folder}", "retries=0", "runtime.progress=false", *overrides]
     words += ["++dataset.archives.base." + value.removeprefix("+") for value in replaced]
@@ -97,8 +97,8 @@ def test_dry_run_says_what_is_there(tmp_path, capsys):
 def test_nerf_synthetic_comes_without_depth_and_normals(tmp_path):
     with serving(zipped(OBJECTS)) as served:
         download.run(configured(tmp_path, served, "nerf_synthetic", "scenes=[lego]"))
-    found = tree(tmp_path / "nerf_synthetic/lego")
-    assert found == sorted(name.removeprefix("nerf_synthetic/lego/") for name in OBJECTS if "_0001" not in name)
+    files = tree(tmp_path / "nerf_synthetic/lego")
+    assert files == sorted(name.removeprefix("nerf_synthetic/lego/") for name in OBJECTS if "_0001" not in name)
 
 
 def test_archive_put_there_by_hand_is_checked_and_used(tmp_path):

@@ -129,9 +129,9 @@ def equal_files(folder: Path, renders: Path) -> bool:
 
 def warned(capsys) -> str:
     """What standard error says in its warning."""
-    told = capsys.readouterr().err.replace("\n", " ")
-    assert told.count("WARNING") == 1
-    return told.split("WARNING: ")[1]
+    stderr = capsys.readouterr().err.replace("\n", " ")
+    assert stderr.count("WARNING") == 1
+    return stderr.split("WARNING: ")[1]
 
 
 def test_a_run_whose_cameras_are_missing_is_passed_through_bit_for_bit(plane_run, bright, tmp_path, capsys):
@@ -163,10 +163,10 @@ def test_folders_without_cameras_are_enhanced_and_renders_of_another_place_stay(
     write_corner(tmp_path, (2, 4, 6), (6,))
     folders = [f"renders={tmp_path / 'renders'}", f"photos={tmp_path / 'photos'}", f"weights={bright}"]
     run(configured(*folders, f"output={tmp_path / 'out'}"))
-    told = capsys.readouterr().err.replace("\n", " ")
-    assert "structure from motion: 2 of 3 renders, 6 of 6 photos" in told
-    assert "by plane sweep" in told
-    assert "WARNING: 1 of 3 renders have no camera or no depth, so that no photo can be used: view_6.png." in told
+    stderr = capsys.readouterr().err.replace("\n", " ")
+    assert "structure from motion: 2 of 3 renders, 6 of 6 photos" in stderr
+    assert "by plane sweep" in stderr
+    assert "WARNING: 1 of 3 renders have no camera or no depth, so that no photo can be used: view_6.png." in stderr
     changed = {
         path.name: path.read_bytes() != (tmp_path / "out" / path.name).read_bytes()
         for path in (tmp_path / "renders").iterdir()
@@ -179,10 +179,10 @@ def test_folders_without_cameras_are_enhanced_and_renders_of_another_place_stay(
 
 
 def test_recovery_is_part_of_a_runs_address_only_where_folders_are_given(plane_run):
-    for given, same_address in ((f"run={plane_run}", True), ("renders=a", False)):
-        with_key = effective_options(configured(given))
+    for override, same_address in ((f"run={plane_run}", True), ("renders=a", False)):
+        with_key = effective_options(configured(override))
         assert ("recover_geometry" not in with_key) is same_address
-        assert with_key != effective_options(configured(given, "recover_geometry=false"))
+        assert with_key != effective_options(configured(override, "recover_geometry=false"))
 
 
 def test_a_splat_is_rendered_with_its_capture(plane_run, weights, tmp_path, monkeypatch):
@@ -258,9 +258,9 @@ def test_a_run_is_enlarged_beside_photos_as_fine(plane_run, fine_weights, tmp_pa
 
 def test_without_finer_photos_a_run_is_enlarged_all_the_same_and_told_so(plane_run, fine_weights, tmp_path, capsys):
     run(configured(f"run={plane_run}", f"weights={fine_weights}", f"output={tmp_path / 'out'}", f"runs={tmp_path}"))
-    told = capsys.readouterr().err.replace("\n", " ")
-    assert "config.yaml: does not exist" in told
-    assert "super-resolution without" in told
+    stderr = capsys.readouterr().err.replace("\n", " ")
+    assert "config.yaml: does not exist" in stderr
+    assert "super-resolution without" in stderr
     assert read_photo(tmp_path / "out/view_000.png").shape == (3, 192, 256)
 
 

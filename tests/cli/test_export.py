@@ -26,8 +26,8 @@ def test_a_weights_file_becomes_a_program(tmp_path: Path, capsys: pytest.Capture
     difference = export.run(job(f"weights={tmp_path}/small.safetensors", f"output={tmp_path}/programs", "references=1"))
     assert difference is not None
     assert difference < 1e-4
-    told = capsys.readouterr().out
-    assert "1 references, sides multiples of 4" in told
+    stdout = capsys.readouterr().out
+    assert "1 references, sides multiples of 4" in stdout
     signature = load_program(tmp_path / "programs" / "small.onnx").signature
     assert (signature.name, signature.references, signature.scale) == ("small", 1, 1)
 

@@ -15,13 +15,15 @@ CONF = paths.ROOT / "conf"
 @pytest.mark.parametrize("job", cli.JOBS)
 def test_every_option_is_shown_with_its_default_and_comment(job):
     shown = help_text(job, [], CONF).splitlines()
-    own = options(CONF / f"{job}.yaml")
-    again = {name for name in own if name != "runtime"}  # a job's own default and comment take the place of the base's
+    job_options = options(CONF / f"{job}.yaml")
+    again = {
+        name for name in job_options if name != "runtime"
+    }  # a job's own default and comment take the place of the base's
     base = {name: line for name, line in options(CONF / "base.yaml").items() if name not in again}
-    assert own
-    for line in (*own.values(), *base.values()):
+    assert job_options
+    for line in (*job_options.values(), *base.values()):
         assert f"  {line}" in shown
-    assert [line for line in shown if line.startswith("  runs:")] == [f"  {(base | own)['runs']}"]
+    assert [line for line in shown if line.startswith("  runs:")] == [f"  {(base | job_options)['runs']}"]
 
 
 def options(file):

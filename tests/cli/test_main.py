@@ -35,10 +35,10 @@ def toy_job(tmp_path, monkeypatch):
     (conf / "colour" / "red.yaml").write_text("name: red\n")
     (conf / "colour" / "blue.yaml").write_text("name: blue\n")
     (conf / "toy.yaml").write_text("defaults: [base, {colour: red}, _self_]\nsize: 1\npath: null\n")
-    seen = []
+    configurations = []
 
     def run(cfg):
-        seen.append(OmegaConf.to_container(cfg, resolve=True))
+        configurations.append(OmegaConf.to_container(cfg, resolve=True))
         if cfg.size < 0:
             raise InputError("size", f"is {cfg.size}", "give a positive number")
 
@@ -49,7 +49,7 @@ def toy_job(tmp_path, monkeypatch):
     monkeypatch.setattr(cli, "configurations", lambda: conf)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["gaussian-enhancer"])
-    return seen
+    return configurations
 
 
 def test_job_gets_overrides(toy_job):
@@ -212,8 +212,19 @@ def test_the_list_of_jobs_names_each_once(capsys):
 
 def known(job):
     """Names of a job's options, and those that are checked elsewhere."""
-    own = {"defaults", "this_run", "hydra", "title", "about", "scenes", "images", "training", "tradeoff", "numerics"}
-    return own | {"order"} | set(get_type_hints(options.options_of(job)))
+    other_keys = {
+        "defaults",
+        "this_run",
+        "hydra",
+        "title",
+        "about",
+        "scenes",
+        "images",
+        "training",
+        "tradeoff",
+        "numerics",
+    }
+    return other_keys | {"order"} | set(get_type_hints(options.options_of(job)))
 
 
 def test_unknown_job_is_refused(capsys):
@@ -247,11 +258,11 @@ def test_run_folder_depends_on_content_only(tmp_path):
 def test_a_folder_of_another_finished_run_is_refused(tmp_path):
     cfg = OmegaConf.create({"runs": "", "output": str(tmp_path / "mine"), "runtime": {}, "size": 1})
     first = open_run(cfg, "toy", "a")
-    other = OmegaConf.merge(cfg, {"size": 2})
-    assert open_run(other, "toy", "a").folder == first.folder  # no result yet: nothing is lost
+    changed_cfg = OmegaConf.merge(cfg, {"size": 2})
+    assert open_run(changed_cfg, "toy", "a").folder == first.folder  # no result yet: nothing is lost
     open_run(cfg, "toy", "a").finish()
     with pytest.raises(InputError, match="another finished run"):
-        open_run(other, "toy", "a")
+        open_run(changed_cfg, "toy", "a")
 
 
 def test_a_folder_with_results_of_another_unfinished_run_is_refused(tmp_path):

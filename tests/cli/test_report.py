@@ -27,8 +27,8 @@ def measured(tmp_path: Path) -> Path:
     for view in ("a.png", "b.png"):
         photo = torch.rand(32, 40, 3, generator=noise)
         error = 0.2 * torch.randn(32, 40, 3, generator=noise)
-        for part, image in (("gt", photo), ("renders", photo + error), ("enhanced", photo + 0.5 * error)):
-            path = run / "test" / "ours_7" / part / view
+        for subfolder, image in (("gt", photo), ("renders", photo + error), ("enhanced", photo + 0.5 * error)):
+            path = run / "test" / "ours_7" / subfolder / view
             path.parent.mkdir(parents=True, exist_ok=True)
             Image.fromarray((image.clamp(0, 1) * 255).round().byte().numpy()).save(path)
         costs.append(Record("cost", "run", "yard", "3dgs", view, "enhanced", {"milliseconds": 7.5}))
@@ -41,9 +41,9 @@ def measured(tmp_path: Path) -> Path:
 
 def data(path: Path) -> dict:
     text = path.read_text(encoding="utf-8")
-    found = re.search(r'<script type="application/json" id="report-data">(.*?)</script>', text, re.S)
-    assert found
-    return json.loads(found[1])
+    data_block = re.search(r'<script type="application/json" id="report-data">(.*?)</script>', text, re.S)
+    assert data_block
+    return json.loads(data_block[1])
 
 
 def test_the_page_holds_the_records(measured: Path) -> None:

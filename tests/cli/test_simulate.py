@@ -46,14 +46,14 @@ def photo(tmp_path: Path) -> Path:
 
 
 def test_samples_are_what_their_record_says(photo: Path, tmp_path: Path) -> None:
-    found = job(tmp_path / "out", f"image={photo}", "gate=random", "seed=4")
-    names = {path.relative_to(found).as_posix() for path in found.rglob("*") if path.is_file()}
+    folder = job(tmp_path / "out", f"image={photo}", "gate=random", "seed=4")
+    names = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
     sheets = {"types.png", "gates.png", "simulation.html", "simulation.json", "config.yaml", "done"}
     assert names == sheets | {f"samples/{i:03d}.png" for i in range(3)}
     view = View(read_photo(photo)[None])
-    for sample in samples(found):
+    for sample in samples(folder):
         again = Simulator(RandomGate())(view, [torch.Generator().manual_seed(sample["seed"])])
-        assert torch.equal(read_photo(found / sample["file"]), again.image[0])
+        assert torch.equal(read_photo(folder / sample["file"]), again.image[0])
         drawn = RandomGate().draw(torch.Generator().manual_seed(sample["seed"]))
         assert tuple(ArtefactStep(**step) for step in sample["steps"]) == drawn
 
@@ -63,7 +63,7 @@ def test_the_first_samples_do_not_depend_on_their_number_and_do_on_the_seed(phot
     many = samples(job(tmp_path / "b", f"image={photo}", "draws=5"))
     other = samples(job(tmp_path / "c", f"image={photo}", "seed=1"))
     assert many[:3] == few
-    assert not {one["seed"] for one in few} & {one["seed"] for one in other}
+    assert not {sample["seed"] for sample in few} & {sample["seed"] for sample in other}
 
 
 def test_a_type_is_switched_off_from_the_command_line(photo: Path, tmp_path: Path) -> None:
@@ -75,10 +75,10 @@ def test_a_type_is_switched_off_from_the_command_line(photo: Path, tmp_path: Pat
 
 
 def test_without_a_gate_the_photo_comes_back(photo: Path, tmp_path: Path) -> None:
-    found = job(tmp_path / "out", f"image={photo}", "gate=none")
-    assert (pixels(found / "samples/000.png") == pixels(photo)).all()
-    assert "generator=none" in (found / "simulation.html").read_text()
-    assert not (found / "generator.png").exists()
+    folder = job(tmp_path / "out", f"image={photo}", "gate=none")
+    assert (pixels(folder / "samples/000.png") == pixels(photo)).all()
+    assert "generator=none" in (folder / "simulation.html").read_text()
+    assert not (folder / "generator.png").exists()
 
 
 def test_a_gate_that_cannot_be_drawn_is_named(photo: Path, tmp_path: Path) -> None:
@@ -94,11 +94,11 @@ def test_depth_and_opacity_are_kept(photo: Path, tmp_path: Path) -> None:
     z = np.full((20, 28), 3000, np.uint16)
     Image.fromarray(z).save(tmp_path / "z.png")
     words = (f"image={transparent}", f"depth={tmp_path / 'z.png'}", "depth_scale=0.001", "background=[1,1,1]")
-    found = job(tmp_path / "out", *words, "gate=none")
-    assert np.load(found / "samples/000_depth.npy") == pytest.approx(np.full((20, 28), 3.0))
-    assert torch.equal(read_coverage(found / "samples/000_alpha.png"), read_coverage(transparent))
-    assert (pixels(found / "samples/000.png")[:, :10] == 255).all()
-    assert (found / "types_depth.png").is_file()
+    folder = job(tmp_path / "out", *words, "gate=none")
+    assert np.load(folder / "samples/000_depth.npy") == pytest.approx(np.full((20, 28), 3.0))
+    assert torch.equal(read_coverage(folder / "samples/000_alpha.png"), read_coverage(transparent))
+    assert (pixels(folder / "samples/000.png")[:, :10] == 255).all()
+    assert (folder / "types_depth.png").is_file()
 
 
 @pytest.mark.parametrize(
@@ -114,8 +114,8 @@ def test_depth_and_opacity_are_kept(photo: Path, tmp_path: Path) -> None:
 )
 def test_odd_images_pass(tmp_path: Path, values: np.ndarray) -> None:
     Image.fromarray(values).save(tmp_path / "odd.png")
-    found = job(tmp_path / "out", f"image={tmp_path / 'odd.png'}", "gate=all", "draws=1")
-    assert pixels(found / "samples/000.png").shape[:2] == values.shape[:2]
+    folder = job(tmp_path / "out", f"image={tmp_path / 'odd.png'}", "gate=all", "draws=1")
+    assert pixels(folder / "samples/000.png").shape[:2] == values.shape[:2]
 
 
 def test_sixteen_bits_are_read_as_such(tmp_path: Path) -> None:
@@ -126,58 +126,58 @@ def test_sixteen_bits_are_read_as_such(tmp_path: Path) -> None:
 def test_a_run_gives_photo_depth_opacity_and_render(plane_run: Path) -> None:
     target = read_run(plane_run).targets[1]
     for name in (target.name, Path(target.name).stem):
-        found = read_held_out(read_run(plane_run), name)
-        assert torch.equal(found.view.image[0], target.read_photo())
-        assert torch.equal(found.view.depth[0], target.read_depth())
-        assert torch.equal(found.view.alpha[0], target.read_alpha())
-        assert torch.equal(found.real[0], target.read())
+        photo = read_held_out(read_run(plane_run), name)
+        assert torch.equal(photo.view.image[0], target.read_photo())
+        assert torch.equal(photo.view.depth[0], target.read_depth())
+        assert torch.equal(photo.view.alpha[0], target.read_alpha())
+        assert torch.equal(photo.real[0], target.read())
 
 
 def test_a_run_is_simulated_and_its_fingerprint_kept(plane_run: Path, tmp_path: Path) -> None:
-    found = job(tmp_path / "out", f"run={plane_run}", "view=view_004", "draws=1")
-    record = json.loads((found / "simulation.json").read_text())
+    folder = job(tmp_path / "out", f"run={plane_run}", "view=view_004", "draws=1")
+    record = json.loads((folder / "simulation.json").read_text())
     assert record["fingerprint"]["views"] == 6
-    assert record["fingerprint"] == json.loads((found / "fingerprint.json").read_text())
-    assert (found / "samples/000_depth.npy").is_file()
-    assert "view_004.png" in (found / "simulation.html").read_text()
+    assert record["fingerprint"] == json.loads((folder / "fingerprint.json").read_text())
+    assert (folder / "samples/000_depth.npy").is_file()
+    assert "view_004.png" in (folder / "simulation.html").read_text()
 
 
 @pytest.mark.slow
 def test_the_adaptive_gate_is_calibrated_on_the_run(plane_run: Path, tmp_path: Path) -> None:
-    found = job(tmp_path / "out", f"run={plane_run}", "gate=adaptive", "gate.types.blur=false")
-    gate = AdaptiveGate.from_file(found / "gate.json")
+    folder = job(tmp_path / "out", f"run={plane_run}", "gate=adaptive", "gate.types.blur=false")
+    gate = AdaptiveGate.from_file(folder / "gate.json")
     assert "blur" not in gate.chances
     assert sum(gate.chances.values()) > 0
-    for sample in samples(found):
+    for sample in samples(folder):
         drawn = gate.draw(torch.Generator().manual_seed(sample["seed"]))
         assert tuple(ArtefactStep(**step) for step in sample["steps"]) == drawn
     again = job(
         tmp_path / "again",
         f"image={next((plane_run / 'test/ours_100/gt').iterdir())}",
         "gate=adaptive",
-        f"gate.file={found / 'gate.json'}",
+        f"gate.file={folder / 'gate.json'}",
     )
-    assert samples(again) == samples(found)
+    assert samples(again) == samples(folder)
 
 
 def test_stage_two_is_shown_beside_the_real_render(
     plane_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    given = []
+    real_renders = []
 
     class Generator:
         def __call__(self, manual, generators, real=None):
-            given.append(real)
+            real_renders.append(real)
             return View(manual.image / 2, manual.depth, manual.alpha)
 
     build = simulate.build
     monkeypatch.setattr(simulate, "build", lambda node: Generator() if "NoSecond" in node._target_ else build(node))
-    found = job(tmp_path / "out", f"run={plane_run}", "gate=none", "draws=1")
+    folder = job(tmp_path / "out", f"run={plane_run}", "gate=none", "draws=1")
     target = read_run(plane_run).targets[0]
-    assert all(torch.equal(real[0], target.read()) for real in given)
+    assert all(torch.equal(real[0], target.read()) for real in real_renders)
     halves = target.read_photo() / 2
-    assert (read_photo(found / "samples/000.png") - halves).abs().max() < 1 / 255
-    assert (found / "generator.png").is_file()
+    assert (read_photo(folder / "samples/000.png") - halves).abs().max() < 1 / 255
+    assert (folder / "generator.png").is_file()
 
 
 @pytest.mark.parametrize("kind", ["paired", "diffused"])
@@ -187,10 +187,10 @@ def test_learnt_generators_are_drawn(plane_run: Path, photo: Path, tmp_path: Pat
     torch.nn.init.normal_(model.combiner.head.weight, std=0.02)
     save_model(tmp_path / "g.safetensors", model, {})
     words = ("gate=none", f"generator={kind}", f"generator.weights={tmp_path / 'g.safetensors'}", "draws=2")
-    found = job(tmp_path / "out", f"run={plane_run}", *words)
-    first, second = (pixels(found / f"samples/{i:03d}.png").astype(int) for i in range(2))
+    folder = job(tmp_path / "out", f"run={plane_run}", *words)
+    first, second = (pixels(folder / f"samples/{i:03d}.png").astype(int) for i in range(2))
     assert np.abs(first - second).max() > 0, "stage 2 does not depend on its seed"
-    assert (found / "generator.png").is_file()
+    assert (folder / "generator.png").is_file()
     if kind == "paired":
         with pytest.raises(InputError, match="got no real renders"):
             job(tmp_path / "refused", f"image={photo}", *words)
@@ -198,7 +198,7 @@ def test_learnt_generators_are_drawn(plane_run: Path, photo: Path, tmp_path: Pat
 
 
 def test_refuses_what_does_not_go_together(photo: Path, plane_run: Path, tmp_path: Path) -> None:
-    for words, found in {
+    for words, message in {
         (): "nothing to simulate from",
         (f"image={photo}", f"run={plane_run}"): "image and run",
         (f"image={photo}", "view=a"): "view: was given beside image",
@@ -206,6 +206,6 @@ def test_refuses_what_does_not_go_together(photo: Path, plane_run: Path, tmp_pat
         (f"run={plane_run}", "view=nowhere"): "view: is 'nowhere'",
         (f"image={photo}", "gate=adaptive"): "gate.file: is mandatory",
     }.items():
-        with pytest.raises(InputError, match=found):
+        with pytest.raises(InputError, match=message):
             job(tmp_path / "out", *words)
     assert not (tmp_path / "out").exists()

@@ -66,9 +66,9 @@ def started(weights, tmp_path, monkeypatch) -> Callable[..., None]:
     return start
 
 
-@pytest.mark.parametrize(("job", "words", "told"), [(job, *case) for job in JOBS for case in (*BOTH, *OWN[job])])
-def test_bad_input_is_one_line_and_nothing_is_written(sheet_run, started, tmp_path, job, words, told):
-    with pytest.raises(InputError, match=told):
+@pytest.mark.parametrize(("job", "words", "message"), [(job, *case) for job in JOBS for case in (*BOTH, *OWN[job])])
+def test_bad_input_is_one_line_and_nothing_is_written(sheet_run, started, tmp_path, job, words, message):
+    with pytest.raises(InputError, match=message):
         started(job, sheet_run, *words)
     assert not list(tmp_path.iterdir())
 

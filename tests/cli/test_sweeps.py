@@ -26,22 +26,22 @@ def swept(runs: Path, train: Path, validation: Path, *words: str) -> str:
     program = "from gaussian_enhancer.cli.main import main; main()"
     command = [sys.executable, "-c", program, "train", "-m", *places, *SMALL, *words]
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    process = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stderr
     jobs = [path.read_text() for path in runs.glob("multirun/.submitit/*/*_log.out")]
-    return "\n".join([done.stdout, *jobs])
+    return "\n".join([process.stdout, *jobs])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("launcher", list(LAUNCHERS))
 def test_every_job_is_a_finished_run_and_equal_jobs_are_done_once(launcher, plane_run, other_plane_run, tmp_path):
-    told = swept(
+    output = swept(
         tmp_path, plane_run, other_plane_run, *LAUNCHERS[launcher], "seed=0,0,1"
     )  # the equal two start at once
     folders = sorted(tmp_path.glob("train/*"))
     assert sorted(json.loads((folder / "card.json").read_text())["seed"] for folder in folders) == [0, 1]
     assert all((folder / "done").is_file() for folder in folders)
-    assert len(re.findall("trained already", told)) == 1, told
+    assert len(re.findall("trained already", output)) == 1, output
 
 
 def test_a_cluster_gets_the_same_jobs():
@@ -71,10 +71,12 @@ def test_a_search_by_optuna_composes_and_names_options_that_there_are():
 
 @pytest.mark.slow
 def test_a_search_by_optuna_trains_each_trial(plane_run, other_plane_run, tmp_path):
-    told = swept(tmp_path, plane_run, other_plane_run, "+sweep=optuna", "hydra.sweeper.n_trials=2", "runtime.threads=1")
+    output = swept(
+        tmp_path, plane_run, other_plane_run, "+sweep=optuna", "hydra.sweeper.n_trials=2", "runtime.threads=1"
+    )
     folders = list(tmp_path.glob("train/*"))
     assert len(folders) == 2
     assert all((folder / "done").is_file() for folder in folders)
     best = max(json.loads((folder / "card.json").read_text())["validation"]["gain/psnr"] for folder in folders)
     stated = (tmp_path / "multirun/optimization_results.yaml").read_text()
-    assert float(re.search(r"best_value: (\S+)", stated)[1]) == pytest.approx(best, abs=1e-5), told
+    assert float(re.search(r"best_value: (\S+)", stated)[1]) == pytest.approx(best, abs=1e-5), output

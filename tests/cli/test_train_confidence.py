@@ -43,14 +43,14 @@ def test_weights_get_a_confidence_and_stay_the_same_otherwise(plane_run, tmp_pat
 def test_the_warp_of_what_is_written_and_judged_may_be_another(plane_run, tmp_path):
     save_weights(tmp_path / "a.safetensors", trained(), ReferenceConfig(), {"name": "a"})
     run(job(plane_run, tmp_path / "a.safetensors", tmp_path, "+warp.tolerance=0.3", "+warp.photo_consistency=0.01"))
-    found = load_weights(tmp_path / "out/weights.safetensors")
-    assert found.reference_config == ReferenceConfig(Reprojected(tolerance=0.3, photo_consistency=0.01))
-    assert found.card["reference_config"] == reference_config_of(found.reference_config)
-    assert found.card["confidence"]["warp"] == {"tolerance": 0.3, "photo_consistency": 0.01}
-    other = tmp_path / "other"
-    run(job(plane_run, tmp_path / "a.safetensors", other))
-    plain = load_weights(other / "out/weights.safetensors").confidence
-    assert not plain.centre.equal(found.confidence.centre)  # other references are judged
+    pretrained = load_weights(tmp_path / "out/weights.safetensors")
+    assert pretrained.reference_config == ReferenceConfig(Reprojected(tolerance=0.3, photo_consistency=0.01))
+    assert pretrained.card["reference_config"] == reference_config_of(pretrained.reference_config)
+    assert pretrained.card["confidence"]["warp"] == {"tolerance": 0.3, "photo_consistency": 0.01}
+    default_folder = tmp_path / "default_folder"
+    run(job(plane_run, tmp_path / "a.safetensors", default_folder))
+    default_confidence = load_weights(default_folder / "out/weights.safetensors").confidence
+    assert not default_confidence.centre.equal(pretrained.confidence.centre)  # other references are judged
 
 
 @pytest.mark.parametrize("warp", ["distance=1", "tolerance=-0.1", "photo_consistency=-0.1", "softness=0.0"])

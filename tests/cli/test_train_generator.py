@@ -21,9 +21,9 @@ def configured(job: str, *options: str):
     return job_config(job, *options)
 
 
-def settings(train: Path, validation: Path, runs: Path, *more: str) -> list[str]:
+def settings(train: Path, validation: Path, runs: Path, *extra: str) -> list[str]:
     places = [f"runs={runs}", f"data.train=[{train}]", f"data.validation=[{validation}]"]
-    return [*places, *SMALL, *SHORT, *QUIET, *more]
+    return [*places, *SMALL, *SHORT, *QUIET, *extra]
 
 
 @pytest.fixture(scope="module")

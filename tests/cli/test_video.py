@@ -52,7 +52,8 @@ def folder_of(tmp_path: Path) -> Path:
 def decoded(path: Path) -> list[torch.Tensor]:
     with av.open(str(path)) as source:
         return [
-            torch.from_numpy(one.to_ndarray(format="rgb24")).permute(2, 0, 1) / 255 for one in source.decode(video=0)
+            torch.from_numpy(frame.to_ndarray(format="rgb24")).permute(2, 0, 1) / 255
+            for frame in source.decode(video=0)
         ]
 
 
@@ -60,11 +61,11 @@ def test_a_run_becomes_a_video_and_another_layout_of_it_makes_no_frame_again(wor
     run(configured(*words))
     folder = folder_of(tmp_path)
     assert sorted(path.name for path in folder.iterdir()) == ["config.yaml", "done", "enhanced.mp4", "frames"]
-    made = images(folder / "frames")
-    assert len(made) == FRAMES
+    frames = images(folder / "frames")
+    assert len(frames) == FRAMES
     shown = decoded(folder / "enhanced.mp4")
     assert len(shown) == FRAMES
-    for frame, image in zip(shown, made.values(), strict=True):
+    for frame, image in zip(shown, frames.values(), strict=True):
         assert frame.shape == image.shape == (3, 48, 64)
         assert float((frame - image).abs().mean()) < 0.04
     assert min(float((a - b).abs().mean()) for a, b in itertools.pairwise(shown)) > 0
@@ -151,8 +152,8 @@ def test_another_path_of_the_same_name_is_another_run(sheet_run, weights, tmp_pa
         content = {"w": 64, "h": 48, "fl_x": 64.0, "frames": frames}
         (tmp_path / "transforms.json").write_text(json.dumps(content))
         run(configured(*words, f"path={tmp_path / 'transforms.json'}"))
-    found = sorted(len(images(one / "frames")) for one in (tmp_path / "runs/video").iterdir())
-    assert found == [1, 2]
+    frame_counts = sorted(len(images(folder / "frames")) for folder in (tmp_path / "runs/video").iterdir())
+    assert frame_counts == [1, 2]
 
 
 def test_the_latest_splat_of_original_output_is_taken(tmp_path):
@@ -178,35 +179,35 @@ def test_a_video_that_was_rendered_elsewhere_is_enhanced_and_keeps_its_sound(she
     path.write_text(json.dumps({"render_height": 48, "render_width": 64, "camera_path": entries}))
     run(configured(*common, f"path={path}", "layout=render", f"output={whole}", "format=frames"))
     renders = images(whole)
-    shown = [(0.5 * one.permute(1, 2, 0) * 255).round().byte().numpy() for one in renders.values()]
+    shown = [(0.5 * image.permute(1, 2, 0) * 255).round().byte().numpy() for image in renders.values()]
     clip = write_clip(tmp_path / "clip.mp4", "aac", [*shown, shown[0], shown[1]])
-    made = tmp_path / "made.mp4"
+    enhanced_video = tmp_path / "made.mp4"
     words = (*common, f"path={path}", f"input={clip}")
     capsys.readouterr()
-    run(configured(*words, f"output={made}"))
+    run(configured(*words, f"output={enhanced_video}"))
     assert "2 of 5 frames of the input have no camera and stay as they are" in capsys.readouterr().err
-    assert heard(made) == heard(clip)
-    before, after = decoded(clip), decoded(made)
+    assert heard(enhanced_video) == heard(clip)
+    before, after = decoded(clip), decoded(enhanced_video)
     assert len(after) == 5
     changes = [float((b - a).mean()) for a, b in zip(before, after, strict=True)]
     assert min(changes[:3]) > 0.02
     assert max(map(abs, changes[3:])) < 0.01
-    with av.open(str(made)) as source:
+    with av.open(str(enhanced_video)) as source:
         assert source.streams.video[0].average_rate == 10
     run(configured(*words, "format=frames", "layout=side_by_side", f"output={tmp_path / 'beside'}"))
     assert len(images(tmp_path / "beside")) == 5
 
-    for more, told in (
+    for extra, message in (
         (("frames=3",), "frames: is given, and the input states it"),
         (("path=orbit",), "give path=FILE"),
         ((f"input={tmp_path / 'none.mp4'}",), "does not exist"),
-        (("format=webm", f"output={tmp_path / 'made.webm'}"), "cannot hold sound in aac"),
+        (("format=webm", f"output={tmp_path / 'enhanced_video.webm'}"), "cannot hold sound in aac"),
     ):
-        with pytest.raises(InputError, match=told):
-            run(configured(*words, *more))
+        with pytest.raises(InputError, match=message):
+            run(configured(*words, *extra))
     short = write_clip(tmp_path / "short.mp4", None, shown[:2])
     with pytest.raises(InputError, match="has 2 frames for 3 cameras"):
         run(configured(*words, f"input={short}"))
-    square = write_clip(tmp_path / "square.mp4", None, [one[:, :48].copy() for one in shown])
+    square = write_clip(tmp_path / "square.mp4", None, [image[:, :48].copy() for image in shown])
     with pytest.raises(InputError, match="has frames of 48x48"):
         run(configured(*words, f"input={square}"))

@@ -43,17 +43,17 @@ def refused(capsys, tmp_path: Path, *words: str) -> str:
 
 def test_a_port_in_use_is_one_line(sheet_run, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    with socket.socket() as other:
-        other.bind(("127.0.0.1", 0))
-        other.listen(1)
-        port = other.getsockname()[1]
-        told = refused(capsys, tmp_path, f"run={sheet_run}", f"port={port}")
-    assert f"port={port}: cannot be listened at" in told
-    assert "give another port, or port=0" in told
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.listen(1)
+        port = listener.getsockname()[1]
+        stderr = refused(capsys, tmp_path, f"run={sheet_run}", f"port={port}")
+    assert f"port={port}: cannot be listened at" in stderr
+    assert "give another port, or port=0" in stderr
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["port=0"], "was given nothing to render"),
         (["gaussians=notes.txt", "scene=capture", "scene.path=."], "notes.txt"),
@@ -65,11 +65,11 @@ def test_a_port_in_use_is_one_line(sheet_run, tmp_path, monkeypatch, capsys):
         (["run={sheet_run}", "port=0", "output=notes.txt"], "notes.txt: cannot be written: it is a file"),
     ],
 )
-def test_bad_input_is_one_line(sheet_run, tmp_path, monkeypatch, capsys, words, told):
+def test_bad_input_is_one_line(sheet_run, tmp_path, monkeypatch, capsys, words, message):
     monkeypatch.chdir(tmp_path)
     Path("notes.txt").write_text("no splat")
     Path("broken.ply").write_text("ply\n")
-    assert told in refused(capsys, tmp_path, *(word.format(sheet_run=sheet_run) for word in words))
+    assert message in refused(capsys, tmp_path, *(word.format(sheet_run=sheet_run) for word in words))
 
 
 def test_without_viser_it_is_one_line(sheet_run, tmp_path, monkeypatch, capsys):

@@ -19,8 +19,8 @@ def record(
 @pytest.fixture
 def folders(tmp_path: Path) -> tuple[Path, Path, Path]:
     """Renders a and b, their enhanced images of another ending, and the photo of b among others."""
-    held = {"renders": ("a.png", "b.png"), "enhanced": ("a.webp", "b.webp"), "photos": ("b.png", "c.png")}
-    for folder, names in held.items():
+    names_by_folder = {"renders": ("a.png", "b.png"), "enhanced": ("a.webp", "b.webp"), "photos": ("b.png", "c.png")}
+    for folder, names in names_by_folder.items():
         (tmp_path / folder).mkdir()
         for index, name in enumerate(names):
             Image.new("RGB", (6, 4), (51 * index, 0, 0)).save(tmp_path / folder / name, lossless=True)
@@ -58,8 +58,8 @@ def test_refuses_two_measurements_of_one_view(folders: tuple[Path, Path, Path]) 
 
 
 def test_provenance_states_each_value_once() -> None:
-    found = provenance_of([record("a", "raw"), record("a", "enhanced")], {"Weights": "sif", "Configuration": ""})
-    assert found == {
+    provenance = provenance_of([record("a", "raw"), record("a", "enhanced")], {"Weights": "sif", "Configuration": ""})
+    assert provenance == {
         "Scene": "yard",
         "Splat": "3dgs",
         "Commit": "c0ffee",

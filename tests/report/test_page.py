@@ -51,9 +51,9 @@ def page(views: list[ComparedView], provenance: dict[str, str]) -> str:
 
 
 def data(text: str) -> dict:
-    found = re.search(r'<script type="application/json" id="report-data">(.*?)</script>', text, re.S)
-    assert found
-    return json.loads(found[1])
+    data_block = re.search(r'<script type="application/json" id="report-data">(.*?)</script>', text, re.S)
+    assert data_block
+    return json.loads(data_block[1])
 
 
 def test_every_element_is_closed_and_ids_are_unique(page: str) -> None:
@@ -87,8 +87,8 @@ def test_names_are_text_and_never_markup(page: str) -> None:
 
 
 def test_numbers_equal_the_input_exactly(page: str, views: list[ComparedView]) -> None:
-    found = data(page)["views"]
-    for view, entry in zip(views, found, strict=True):
+    entries = data(page)["views"]
+    for view, entry in zip(views, entries, strict=True):
         assert entry["raw"] == dict(view.metrics_raw)
         assert entry["enhanced"] == dict(view.metrics_enhanced)
         assert entry["milliseconds"] == view.milliseconds

@@ -34,12 +34,12 @@ def page(browser, written: Path) -> Iterator:
 
 
 def stage(page, index: int = 0):
-    found = page.find_element("css selector", f"#view-{index} .stage")
-    page.execute_script("arguments[0].scrollIntoView({block: 'center'})", found)
-    return found
+    element = page.find_element("css selector", f"#view-{index} .stage")
+    page.execute_script("arguments[0].scrollIntoView({block: 'center'})", element)
+    return element
 
 
-def seen(page, stage) -> dict[str, list[int]]:
+def visible_widths(page, stage) -> dict[str, list[int]]:
     """Visible pixels' columns of each picture of a stage: [first, last), as the browser clips them."""
     script = """
     const box = arguments[0].getBoundingClientRect(), shown = {};
@@ -72,18 +72,18 @@ def test_dragging_moves_the_divider(page) -> None:
     from selenium.webdriver import ActionChains
 
     target = stage(page)
-    before = seen(page, target)
+    before = visible_widths(page, target)
     assert before["raw"] == before["divider"] == pytest.approx(before["width"] / 2, abs=1)
     assert before["enhanced"] == before["width"]
     width = before["width"]
     ActionChains(page).move_to_element(target).click_and_hold().move_by_offset(-width // 4, 5).perform()
-    held = seen(page, target)
+    held = visible_widths(page, target)
     assert held["raw"] == held["divider"] == pytest.approx(width / 4, abs=2)
     ActionChains(page).move_by_offset(width // 2, -5).release().perform()
-    after = seen(page, target)
+    after = visible_widths(page, target)
     assert after["raw"] == after["divider"] == pytest.approx(3 * width / 4, abs=2)
     ActionChains(page).move_by_offset(-30, 0).perform()
-    assert seen(page, target) == after, "the divider follows a pointer that was let go"
+    assert visible_widths(page, target) == after, "the divider follows a pointer that was let go"
     assert page.execute_script("return arguments[0].querySelector('input').value", target) == "75"
 
 
@@ -118,13 +118,13 @@ def test_the_keyboard_moves_the_divider(page) -> None:
     slider = target.find_element("tag name", "input")
     page.execute_script("arguments[0].focus()", slider)
     slider.send_keys(Keys.ARROW_LEFT * 3)
-    moved = seen(page, target)
+    moved = visible_widths(page, target)
     assert moved["raw"] == moved["divider"] == pytest.approx(0.47 * moved["width"], abs=1)
     assert slider.get_attribute("aria-valuetext") == "47 % render"
     slider.send_keys(Keys.HOME)
-    assert seen(page, target)["raw"] == 0
+    assert visible_widths(page, target)["raw"] == 0
     slider.send_keys(Keys.END)
-    assert seen(page, target)["raw"] == moved["width"]
+    assert visible_widths(page, target)["raw"] == moved["width"]
     assert slider.accessible_name == "Divider between render and enhanced, 001.png"
 
 
@@ -135,7 +135,7 @@ def test_toggles_show_the_photo_and_the_errors(page) -> None:
     for mode, pictures in shown.items():
         button = first.find_element("css selector", f".controls [data-mode={mode}]")
         button.click()
-        assert set(seen(page, target)) - {"divider", "width"} == pictures
+        assert set(visible_widths(page, target)) - {"divider", "width"} == pictures
         assert button.get_attribute("aria-pressed") == "true"
         assert len(first.find_elements("css selector", ".controls [aria-pressed=true]")) == 1
         assert first.find_element("css selector", ".legend").is_displayed() == (mode == "error")

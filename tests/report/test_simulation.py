@@ -38,7 +38,7 @@ class Doubled:
     """A second stage that can be told from none: half as bright, a little noise of its own seed."""
 
     def __call__(self, manual, generators, real=None):
-        noise = torch.stack([torch.rand(3, 1, 1, generator=one) for one in generators])
+        noise = torch.stack([torch.rand(3, 1, 1, generator=generator) for generator in generators])
         return View(manual.image / 2 + 0.1 * noise, manual.depth, manual.alpha)
 
 
@@ -57,18 +57,18 @@ def test_a_row_starts_with_the_photo_and_moves_away_from_it() -> None:
 
 
 def test_a_row_keeps_its_draws(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen = []
+    noises = []
 
     def artefact(before, strength, generators):
         """Adds what it draws."""
-        seen.append(torch.stack([torch.rand(3, 1, 1, generator=one) for one in generators]))
-        return View(before.image + strength[:, None, None, None] * seen[-1])
+        noises.append(torch.stack([torch.rand(3, 1, 1, generator=generator) for generator in generators]))
+        return View(before.image + strength[:, None, None, None] * noises[-1])
 
     monkeypatch.setattr(simulation_parts, "ARTEFACTS", {"odd": artefact})
-    (found,) = type_sections(view(geometry=False), seed=5)
-    assert (seen[0] == seen[0][:1]).all()
-    steps = [(image - found.rows[0].images[0]).mean() for image in found.rows[0].images]
-    assert torch.stack(steps).tolist() == pytest.approx([s * float(seen[0][0].mean()) for s in STRENGTHS], abs=1e-5)
+    (section,) = type_sections(view(geometry=False), seed=5)
+    assert (noises[0] == noises[0][:1]).all()
+    steps = [(image - section.rows[0].images[0]).mean() for image in section.rows[0].images]
+    assert torch.stack(steps).tolist() == pytest.approx([s * float(noises[0][0].mean()) for s in STRENGTHS], abs=1e-5)
 
 
 def test_without_depth_there_is_no_sheet_of_depth() -> None:
@@ -102,10 +102,10 @@ def test_stage_two_is_drawn_from_one_stage_one() -> None:
     first, manual, *drawn, last = images.values()
     assert torch.equal(first, photo.image[0])
     assert torch.equal(last, real[0])
-    for one in drawn:
-        offset = one - manual / 2
+    for image in drawn:
+        offset = image - manual / 2
         assert offset.std((1, 2)).max() < 1e-5, "another stage 1"
-    assert len({one.numpy().tobytes() for one in drawn}) == 3
+    assert len({image.numpy().tobytes() for image in drawn}) == 3
 
 
 def test_without_stage_two_the_section_says_so() -> None:

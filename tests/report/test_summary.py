@@ -50,6 +50,6 @@ def test_the_worst_frame_is_decided_by_colour_aligned_psnr_first() -> None:
 
 
 def test_unknown_metrics_are_kept_without_a_direction() -> None:
-    found = quantities({"zebra", "ssim", "psnr"})
-    assert [quantity.key for quantity in found] == ["psnr", "ssim", "zebra"]
-    assert found[2].verdict(1.0) == "same"
+    metrics = quantities({"zebra", "ssim", "psnr"})
+    assert [quantity.key for quantity in metrics] == ["psnr", "ssim", "zebra"]
+    assert metrics[2].verdict(1.0) == "same"

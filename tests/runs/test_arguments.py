@@ -15,7 +15,7 @@ CAPTURE = {
 
 
 @pytest.mark.parametrize(
-    ("change", "found"),
+    ("change", "message"),
     [
         ({"downscale": "abc"}, "scene.downscale: is 'abc'; give a number"),
         ({"downscale": float("nan")}, "scene.downscale: is nan; give a finite number"),
@@ -27,11 +27,11 @@ CAPTURE = {
         ({"split": "abc"}, "scene.split: is 'abc'; give a choice of its group"),
     ],
 )
-def test_a_value_of_another_type_is_named_as_on_the_command_line(change, found):
+def test_a_value_of_another_type_is_named_as_on_the_command_line(change, message):
     cfg = OmegaConf.create({"scene": CAPTURE})
     with pytest.raises(InputError) as refusal:
         build(OmegaConf.merge(cfg, {"scene": change}).scene)
-    assert found in str(refusal.value)
+    assert message in str(refusal.value)
 
 
 def test_right_values_pass():

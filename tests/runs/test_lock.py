@@ -14,7 +14,7 @@ from gaussian_enhancer.runs.run import open_run
 CONTEXT = multiprocessing.get_context("fork")  # at once, where a new interpreter takes a while
 
 
-def holder(folder, line):
+def hold_folder(folder, line):
     """Hold a folder in another process until it is told to end."""
     with lock.exclusive(Path(folder)):
         line.send("held")
@@ -22,10 +22,10 @@ def holder(folder, line):
 
 
 @pytest.fixture
-def other(tmp_path):
+def holder(tmp_path):
     """Another process that holds ``tmp_path / "a"``, and the line on which it is told to end."""
     line, its_end = CONTEXT.Pipe()
-    process = CONTEXT.Process(target=holder, args=(str(tmp_path / "a"), its_end))
+    process = CONTEXT.Process(target=hold_folder, args=(str(tmp_path / "a"), its_end))
     process.start()
     assert line.recv() == "held"
     yield process, line
@@ -47,7 +47,7 @@ def refused(folder, results):
         raise InputError("photo", "is cut", "replace it")
 
 
-def test_a_second_process_is_refused_and_touches_nothing(other, tmp_path):
+def test_a_second_process_is_refused_and_touches_nothing(holder, tmp_path):
     before = sorted(tmp_path.rglob("*"))
     with pytest.raises(InputError, match="a: is being written by another process; wait until that job ends"):
         open_run(run_of(tmp_path / "a"), "toy", "a")
@@ -56,13 +56,13 @@ def test_a_second_process_is_refused_and_touches_nothing(other, tmp_path):
         pass  # another folder is free
 
 
-def test_what_is_done_alone_is_refused_also_where_runs_are_waited_for(other, tmp_path):
+def test_what_is_done_alone_is_refused_also_where_runs_are_waited_for(holder, tmp_path):
     with lock.wait_for_holders(), pytest.raises(InputError, match="another process"), lock.exclusive(tmp_path / "a"):
         pass
 
 
-def test_a_killed_process_holds_nothing(other, tmp_path):
-    process, _ = other
+def test_a_killed_process_holds_nothing(holder, tmp_path):
+    process, _ = holder
     process.kill()
     process.join()
     assert process.exitcode == -signal.SIGKILL
@@ -70,8 +70,8 @@ def test_a_killed_process_holds_nothing(other, tmp_path):
         assert (tmp_path / "a" / lock.NAME).is_file()
 
 
-def test_a_job_that_needs_the_run_waits(other, tmp_path, monkeypatch, capsys):
-    _, line = other
+def test_a_job_that_needs_the_run_waits(holder, tmp_path, monkeypatch, capsys):
+    _, line = holder
     acquire = lock.FileLock.acquire
 
     def ending(self, timeout=None, **options):

@@ -28,8 +28,8 @@ def test_super_resolution_keeps_the_size_of_the_photo(tmp_path):
     image = torch.full((3, 72, 112), 0.25)
     write_enhanced([EnhancedView("a.png", image, 1.0, 1.0, ())], tmp_path / "out/enhanced", finer, 4)
     write_sources(finer, tmp_path / "out", 4)
-    for part in ("enhanced", "renders", "gt"):
-        assert Image.open(tmp_path / "out" / part / "a.png").size == (WIDTH, HEIGHT), part
+    for subfolder in ("enhanced", "renders", "gt"):
+        assert Image.open(tmp_path / "out" / subfolder / "a.png").size == (WIDTH, HEIGHT), subfolder
     np.testing.assert_array_equal(
         np.asarray(Image.open(tmp_path / "out/gt/a.png")), np.asarray(Image.open(tmp_path / "a.png"))
     )

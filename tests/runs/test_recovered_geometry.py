@@ -44,8 +44,8 @@ def unrepeated(monkeypatch) -> None:
 
 def test_depth_is_the_true_one_in_the_cameras_unit(corner, monkeypatch):
     unrepeated(monkeypatch)
-    found = recover_geometry(opened(corner), corner / "geometry")
-    views = {view.name: view for view in (*found.rendered.targets, *found.rendered.references)}
+    recovered = recover_geometry(opened(corner), corner / "geometry")
+    views = {view.name: view for view in (*recovered.rendered.targets, *recovered.rendered.references)}
     centres = [view.camera.centre for view in views.values() if view.camera is not None]
     true = [corner_camera(int(name[5])).centre for name, view in views.items() if view.camera is not None]
     unit = torch.pdist(torch.stack(centres)).sum() / torch.pdist(torch.stack(true)).sum()
@@ -59,12 +59,12 @@ def test_depth_is_the_true_one_in_the_cameras_unit(corner, monkeypatch):
 
 
 def test_a_render_without_a_place_has_neither_camera_nor_depth_and_is_counted(corner):
-    found = recover_geometry(opened(corner), corner / "geometry")
-    strange = found.rendered.targets[2]
+    recovered = recover_geometry(opened(corner), corner / "geometry")
+    strange = recovered.rendered.targets[2]
     assert (strange.name, strange.camera, strange.read_depth) == (f"view_{STRANGE}.png", None, None)
-    assert "2 of 3 renders, 6 of 6 photos" in found.cameras
-    assert "plane sweep" in found.depth
-    assert str(corner / "geometry") in found.depth
+    assert "2 of 3 renders, 6 of 6 photos" in recovered.cameras
+    assert "plane sweep" in recovered.depth
+    assert str(corner / "geometry") in recovered.depth
 
 
 def test_other_images_are_recovered_anew(corner, tmp_path, monkeypatch):
@@ -93,18 +93,18 @@ def test_cameras_that_were_given_stay_and_depth_alone_is_swept(corner, tmp_path,
     targets = tuple(replace(view, camera=corner_camera(int(view.name[5]))) for view in rendered.targets[:2])
     references = tuple(replace(v, camera=corner_camera(int(v.name[5]), 360, 480)) for v in rendered.references)
     assert lacks_geometry(replace(rendered, targets=targets, references=references))
-    found = recover_geometry(replace(rendered, targets=targets, references=references), tmp_path)
-    assert found.cameras == ""
-    for view, given in zip(found.rendered.targets, targets, strict=True):
-        assert view.camera is given.camera
-        depth = corner_view(given.camera)[1]
+    recovered = recover_geometry(replace(rendered, targets=targets, references=references), tmp_path)
+    assert recovered.cameras == ""
+    for view, target in zip(recovered.rendered.targets, targets, strict=True):
+        assert view.camera is target.camera
+        depth = corner_view(target.camera)[1]
         assert float((view.read_depth() / depth - 1).abs().quantile(0.8)) < 0.02
 
 
 def test_depth_that_comes_without_cameras_is_left_out_and_said_so(corner):
     rendered = opened(corner)
-    given = tuple(replace(view, read_depth=lambda: torch.ones(1, 180, 240)) for view in rendered.targets)
-    assert "given depth is ignored" in recover_geometry(replace(rendered, targets=given), corner / "geometry").depth
+    targets = tuple(replace(view, read_depth=lambda: torch.ones(1, 180, 240)) for view in rendered.targets)
+    assert "given depth is ignored" in recover_geometry(replace(rendered, targets=targets), corner / "geometry").depth
 
 
 def test_geometry_is_missed_only_where_photos_could_use_it(corner):
@@ -124,8 +124,8 @@ def test_what_a_killed_call_left_is_made_again_and_a_damaged_photo_leaves_nothin
 
 
 def test_a_damaged_depth_map_is_named(corner, tmp_path):
-    found = recover_geometry(opened(corner), corner / "geometry").rendered.targets[0]
-    damaged = replace(found.read_depth, path=tmp_path / "set/depth/render_00000.npy")
+    recovered = recover_geometry(opened(corner), corner / "geometry").rendered.targets[0]
+    damaged = replace(recovered.read_depth, path=tmp_path / "set/depth/render_00000.npy")
     damaged.path.parent.mkdir(parents=True)
     damaged.path.write_bytes(b"\x93NUMPY")
     with pytest.raises(InputError, match=re.escape(f"delete {tmp_path / 'set'}")):
@@ -139,8 +139,8 @@ def test_truths_take_no_part(corner, tmp_path, monkeypatch):
     unrepeated(monkeypatch)
     rendered = opened(corner)
     targets = tuple(replace(view, read_photo=unread) for view in rendered.targets)
-    found = recover_geometry(replace(rendered, targets=targets), corner / "geometry")
-    assert [view.read_photo for view in found.rendered.targets] == [unread] * 3
+    recovered = recover_geometry(replace(rendered, targets=targets), corner / "geometry")
+    assert [view.read_photo for view in recovered.rendered.targets] == [unread] * 3
 
 
 def test_the_summary_is_plain(corner):

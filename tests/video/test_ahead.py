@@ -20,31 +20,31 @@ def test_items_come_in_their_order_from_another_thread():
 
 
 def test_the_next_item_is_made_while_one_is_in_use():
-    made = threading.Event()
+    computed = threading.Event()
 
     def items():
         yield 0
-        made.set()
+        computed.set()
         yield 1
 
     stages = compute_ahead(items(), 1)
     assert next(stages) == 0
-    assert made.wait(60)
+    assert computed.wait(60)
     assert list(stages) == [1]
 
 
 def test_no_more_is_made_than_asked_for_and_none_after_an_early_end():
-    begun = []
+    started = []
 
     def items():
         for index in range(100):
-            begun.append(index)
+            started.append(index)
             yield index
 
     stages = compute_ahead(items(), 2)
     assert next(stages) == 0
     stages.close()
-    assert len(begun) <= 3
+    assert len(started) <= 3
 
 
 def test_an_error_comes_in_its_turn():
@@ -59,7 +59,7 @@ def test_an_error_comes_in_its_turn():
 
 
 def test_stages_can_be_chained():
-    assert list(compute_ahead((2 * one for one in compute_ahead(range(5))), 1)) == [0, 2, 4, 6, 8]
+    assert list(compute_ahead((2 * item for item in compute_ahead(range(5))), 1)) == [0, 2, 4, 6, 8]
 
 
 def test_what_comes_before_ends_with_it():
@@ -71,27 +71,27 @@ def test_what_comes_before_ends_with_it():
         finally:
             ended.append(threading.get_ident())
 
-    stages = compute_ahead((one for one in compute_ahead(items())), 1)
+    stages = compute_ahead((item for item in compute_ahead(items())), 1)
     assert next(stages) == 0
     stages.close()
     assert ended == [threading.get_ident()]
 
 
 def test_ctrl_c_in_the_consumer_ends_every_stage():
-    begun, ended = [], threading.Event()
+    started, ended = [], threading.Event()
 
     def items():
         try:
             for index in range(100):
-                begun.append(index)
+                started.append(index)
                 yield index
         finally:
             ended.set()
 
     with pytest.raises(KeyboardInterrupt):
-        stopped(compute_ahead(one for one in compute_ahead(items())))
+        stopped(compute_ahead(item for item in compute_ahead(items())))
     assert ended.is_set()
-    assert len(begun) < 10
+    assert len(started) < 10
 
 
 def stopped(items):

@@ -22,7 +22,8 @@ def frame(index: int) -> torch.Tensor:
 def decoded(path: Path) -> list[torch.Tensor]:
     with av.open(str(path)) as source:
         return [
-            torch.from_numpy(one.to_ndarray(format="rgb24")).permute(2, 0, 1) / 255 for one in source.decode(video=0)
+            torch.from_numpy(frame.to_ndarray(format="rgb24")).permute(2, 0, 1) / 255
+            for frame in source.decode(video=0)
         ]
 
 
@@ -40,11 +41,11 @@ def test_what_is_encoded_is_what_is_decoded(tmp_path, container):
     writer = write(tmp_path / f"part.{container}", encoding, 30)
     writer.finish(tmp_path / f"whole.{container}")
     assert [path.name for path in tmp_path.iterdir()] == [f"whole.{container}"]
-    found = decoded(tmp_path / f"whole.{container}")
-    assert len(found) == 30
+    frames = decoded(tmp_path / f"whole.{container}")
+    assert len(frames) == 30
     for index in (0, 11, 29):
         for column in (8, 56):  # away from the edge, where colour is stored at half the resolution
-            torch.testing.assert_close(found[index][:, 24, column], frame(index)[:, 24, column], atol=4 / 255, rtol=0)
+            torch.testing.assert_close(frames[index][:, 24, column], frame(index)[:, 24, column], atol=4 / 255, rtol=0)
     with av.open(str(tmp_path / f"whole.{container}")) as source:
         assert source.streams.video[0].average_rate == 24
         assert source.streams.video[0].codec_context.colorspace == 1  # BT.709
@@ -85,7 +86,7 @@ def test_a_killed_video_plays(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("values", "told"),
+    ("values", "message"),
     [
         ({"container": "avi"}, "format: is 'avi'; choose mp4, webm or frames"),
         ({"fps": 0}, "fps: is 0"),
@@ -94,8 +95,8 @@ def test_a_killed_video_plays(tmp_path):
         ({"container": "webm", "quality": 64}, "to 63"),
     ],
 )
-def test_values_out_of_range_are_refused(values, told):
-    with pytest.raises(InputError, match=told):
+def test_values_out_of_range_are_refused(values, message):
+    with pytest.raises(InputError, match=message):
         Encoding(**values)
 
 

@@ -98,14 +98,14 @@ def test_four_slow_stages_take_hardly_longer_than_one(tmp_path: Path) -> None:
 
 def test_frames_come_in_order_and_are_those_of_one_stage_after_the_other(tmp_path: Path) -> None:
     together = filmed(path(), FrameFolder(tmp_path / "a"), smoothing=0.5)
-    apart = filmed(path(), FrameFolder(tmp_path / "b"), smoothing=0.5)
-    one_by_one = list(apart.write_frames(list(apart.enhance_frames(list(apart.draw_frames())))))
-    found = list(together)
-    assert [frame.index for frame in found] == list(range(FRAMES))
-    for one, other in zip(found, one_by_one, strict=True):
-        assert torch.equal(one.enhanced, other.enhanced)
-        assert one.candidates == other.candidates != ()
-        names = (tmp_path / side / f"frame_{one.index:06d}.png" for side in "ab")
+    sequential = filmed(path(), FrameFolder(tmp_path / "b"), smoothing=0.5)
+    one_by_one = list(sequential.write_frames(list(sequential.enhance_frames(list(sequential.draw_frames())))))
+    frames = list(together)
+    assert [frame.index for frame in frames] == list(range(FRAMES))
+    for frame, expected_frame in zip(frames, one_by_one, strict=True):
+        assert torch.equal(frame.enhanced, expected_frame.enhanced)
+        assert frame.candidates == expected_frame.candidates != ()
+        names = (tmp_path / side / f"frame_{frame.index:06d}.png" for side in "ab")
         assert len({name.read_bytes() for name in names}) == 1
 
 
@@ -130,8 +130,8 @@ def test_on_a_processor_one_stage_follows_the_other(tmp_path: Path) -> None:
     assert threading.active_count() == before
     assert network.threads == {threading.get_ident()}
     together = list(filmed(path(), FrameFolder(tmp_path / "b")))
-    for one, other in zip([first, *frames], together, strict=True):
-        assert torch.equal(one.enhanced, other.enhanced)
+    for frame, expected_frame in zip([first, *frames], together, strict=True):
+        assert torch.equal(frame.enhanced, expected_frame.enhanced)
 
 
 @pytest.mark.parametrize("overlapped", [False, True])
@@ -147,7 +147,7 @@ def test_an_error_of_any_stage_comes_after_the_frames_before_it(tmp_path: Path, 
     frames = []
     with pytest.raises(InputError, match="frame 3: is damaged"):
         frames.extend(film(RenderedSet("path", tuple(targets), rendered.references), FrameFolder(tmp_path / "a")))
-    assert sorted(one.name for one in (tmp_path / "a").iterdir()) == [f"frame_{i:06d}.png" for i in range(3)]
+    assert sorted(frame.name for frame in (tmp_path / "a").iterdir()) == [f"frame_{i:06d}.png" for i in range(3)]
     with pytest.raises(InputError, match="photo: is damaged"):
         list(film(path(read_photo=partial(broken, "photo")), FrameFolder(tmp_path / "b")))
     (tmp_path / "file").write_text("")
@@ -156,14 +156,17 @@ def test_an_error_of_any_stage_comes_after_the_frames_before_it(tmp_path: Path, 
 
 
 def test_a_film_that_is_left_ends_its_threads_and_goes_on(tmp_path: Path) -> None:
-    whole = filmed(path(), FrameFolder(tmp_path / "whole"), smoothing=0.5)
-    expected = [frame.enhanced for frame in whole]
+    film = filmed(path(), FrameFolder(tmp_path / "film"), smoothing=0.5)
+    expected = [frame.enhanced for frame in film]
     before = threading.active_count()
-    frames = iter(filmed(path(), FrameFolder(tmp_path / "left"), smoothing=0.5))
+    frames = iter(filmed(path(), FrameFolder(tmp_path / "resumed_film"), smoothing=0.5))
     next(frames)
     frames.close()
     assert threading.active_count() == before
-    left = filmed(path(), FrameFolder(tmp_path / "left"), smoothing=0.5)
-    assert left.stored[0]
-    assert not left.stored[-1]
-    assert all(torch.equal(one.enhanced, other) for one, other in zip(left, expected, strict=True))
+    resumed_film = filmed(path(), FrameFolder(tmp_path / "resumed_film"), smoothing=0.5)
+    assert resumed_film.stored[0]
+    assert not resumed_film.stored[-1]
+    assert all(
+        torch.equal(frame.enhanced, expected_frame)
+        for frame, expected_frame in zip(resumed_film, expected, strict=True)
+    )

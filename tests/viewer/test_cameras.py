@@ -41,8 +41,8 @@ def test_a_narrowed_camera_sees_the_middle_columns():
     whole, half = page.to_camera(64), page.middle_half().to_camera(32)
     assert (half.height, half.width) == (48, 32)
     point = torch.tensor([0.1, 0.2, 1.5])
-    seen = [camera.K @ point for camera in (whole, half)]
-    (x, y), (x_half, y_half) = ((float(p[0] / p[2]), float(p[1] / p[2])) for p in seen)
+    pixels = [camera.K @ point for camera in (whole, half)]
+    (x, y), (x_half, y_half) = ((float(p[0] / p[2]), float(p[1] / p[2])) for p in pixels)
     assert x_half == pytest.approx(x - 16, abs=1e-3)
     assert y_half == pytest.approx(y, abs=1e-3)
 

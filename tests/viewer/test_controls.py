@@ -25,11 +25,11 @@ def server() -> Iterator[Any]:
 
 def view(**changes: Any) -> StageView:
     render = torch.full((3, 8, 20), 0.5)
-    known = StageView(
+    default_view = StageView(
         identity_camera(8, 20, 20.0), render, torch.ones(1, 8, 20), torch.ones(1, 8, 20), render,
         torch.ones(1, 8, 20), ("a.png",), Times(10.0, 20.0, 30.4),
     )  # fmt: skip
-    return dataclasses.replace(known, **changes)
+    return dataclasses.replace(default_view, **changes)
 
 
 def test_the_panel_begins_with_what_was_given_and_follows_what_is_chosen(server, session):
@@ -56,10 +56,10 @@ def test_a_browser_cannot_ask_for_what_is_not_offered(server, session):
 
 
 def test_the_line_says_what_a_picture_took_and_what_is_missing():
-    told = status(7, torch.zeros(3, 8, 40), view(), Mode("side_by_side"))
-    assert told.startswith("**60 ms** (render 10, references 20, network 30), 40 × 8, frame 7")
-    assert "Render left" in told
-    bare = status(1, torch.zeros(3, 8, 20), view(enhanced=None, times=Times(10.0)), Mode("render"))
-    assert bare == "**10 ms** (render 10), 20 × 8, frame 1"
+    text = status(7, torch.zeros(3, 8, 40), view(), Mode("side_by_side"))
+    assert text.startswith("**60 ms** (render 10, references 20, network 30), 40 × 8, frame 7")
+    assert "Render left" in text
+    unenhanced_text = status(1, torch.zeros(3, 8, 20), view(enhanced=None, times=Times(10.0)), Mode("render"))
+    assert unenhanced_text == "**10 ms** (render 10), 20 × 8, frame 1"
     assert "No photo is used here." in status(1, torch.zeros(3, 8, 20), view(references=()), Mode())
     assert "The splat is not visible" in status(1, torch.zeros(3, 8, 20), view(depth=torch.zeros(1, 8, 20)), Mode())

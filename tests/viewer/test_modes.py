@@ -24,18 +24,18 @@ def view(scale: int = 1) -> StageView:
 
 
 def test_render_and_enhanced_alone():
-    seen = view()
-    assert torch.equal(Mode("render")(seen), seen.render)
-    assert torch.equal(Mode("enhanced")(seen), seen.enhanced)
+    stage_view = view()
+    assert torch.equal(Mode("render")(stage_view), stage_view.render)
+    assert torch.equal(Mode("enhanced")(stage_view), stage_view.enhanced)
 
 
 def test_side_by_side_and_wipe_show_the_render_on_the_left():
-    seen = view()
-    wide = Mode("side_by_side")(seen)
+    stage_view = view()
+    wide = Mode("side_by_side")(stage_view)
     assert wide.shape == (3, 8, 40)
-    assert torch.equal(wide[..., :20], seen.render)
-    assert torch.equal(wide[..., 20:], seen.enhanced)
-    wiped = Mode("wipe", 0.7)(seen)
+    assert torch.equal(wide[..., :20], stage_view.render)
+    assert torch.equal(wide[..., 20:], stage_view.enhanced)
+    wiped = Mode("wipe", 0.7)(stage_view)
     assert wiped[0, 0].tolist() == pytest.approx([0.25] * 13 + [1.0] * 2 + [0.45] * 5)
     assert [Mode(name).splits_width for name in MODES].count(True) == 1
 
@@ -64,16 +64,16 @@ def test_depth_is_light_where_it_is_near_and_dark_where_nothing_is():
 
 
 def test_the_modes_that_need_no_network_do_without():
-    bare = dataclasses.replace(view(), enhanced=None, coverage=None)
+    unenhanced_view = dataclasses.replace(view(), enhanced=None, coverage=None)
     assert [name for name in MODES if not Mode(name).enhances] == ["render", "depth"]
-    assert torch.equal(Mode("render")(bare), bare.render)
-    assert Mode("depth")(bare).shape == (3, 8, 20)
+    assert torch.equal(Mode("render")(unenhanced_view), unenhanced_view.render)
+    assert Mode("depth")(unenhanced_view).shape == (3, 8, 20)
 
 
 def test_values_outside_are_clamped():
-    found = apply_colour_map(torch.tensor([[-1.0, 2.0]]))
-    torch.testing.assert_close(found[:, 0, 0], DARK)
-    torch.testing.assert_close(found[:, 0, 1], LIGHT)
+    colours = apply_colour_map(torch.tensor([[-1.0, 2.0]]))
+    torch.testing.assert_close(colours[:, 0, 0], DARK)
+    torch.testing.assert_close(colours[:, 0, 1], LIGHT)
 
 
 def test_what_cannot_be_shown_is_refused():

@@ -49,17 +49,17 @@ class Opened:
 
     @property
     def frame(self) -> int:
-        found = re.search(r"frame (\d+)", self.text)
-        return int(found[1]) if found else 0
+        match = re.search(r"frame (\d+)", self.text)
+        return int(match[1]) if match else 0
 
     @property
     def width(self) -> int:
-        found = re.search(r"(\d+) × (\d+), frame", self.text)
-        return int(found[1]) if found else 0
+        match = re.search(r"(\d+) × (\d+), frame", self.text)
+        return int(match[1]) if match else 0
 
     @property
     def canvas(self) -> Any:
-        return max(self.driver.find_elements("tag name", "canvas"), key=lambda one: one.size["width"])
+        return max(self.driver.find_elements("tag name", "canvas"), key=lambda element: element.size["width"])
 
     def picture(self) -> np.ndarray:
         """Colours of the middle of the canvas, in [0, 1]."""
@@ -67,28 +67,28 @@ class Opened:
         height, width = image.shape[:2]
         return image[height // 3 : -height // 3, width // 3 : -width // 3]
 
-    def until(self, met: Callable[[], bool], what: str) -> None:
+    def until(self, met: Callable[[], bool], awaited: str) -> None:
         end = time.monotonic() + WAIT
         while not met():
-            assert time.monotonic() < end, f"{what} never came: {self.told} {self.text}"
+            assert time.monotonic() < end, f"{awaited} never came: {self.told} {self.text}"
             time.sleep(0.1)
 
     def press(self, label: str) -> None:
-        button = next(one for one in self.driver.find_elements("tag name", "button") if label in one.text)
+        button = next(element for element in self.driver.find_elements("tag name", "button") if label in element.text)
         self.driver.execute_script("arguments[0].scrollIntoView()", button)
         button.click()
 
     def choose(self, before: str, after: str) -> None:
         """Choose an option of the drop-down list that shows another one."""
         inputs = self.driver.find_elements("css selector", "input")
-        field = next(one for one in inputs if one.get_attribute("value") == before)
+        field = next(element for element in inputs if element.get_attribute("value") == before)
         self.driver.execute_script("arguments[0].scrollIntoView()", field)
         field.click()
         found: list[Any] = []
 
         def listed() -> bool:
             options = self.driver.find_elements("css selector", "[role=option]")
-            found[:] = [one for one in options if one.is_displayed() and one.text == after]
+            found[:] = [element for element in options if element.is_displayed() and element.text == after]
             return bool(found)
 
         self.until(listed, f"the option {after}")
@@ -155,9 +155,9 @@ def test_maps_are_shown_instead_of_colours(page):
 
 def test_other_weights_bring_their_strength(page):
     bright = next(
-        one.get_attribute("value")
-        for one in page.driver.find_elements("css selector", "input")
-        if (one.get_attribute("value") or "").endswith("bright.safetensors")
+        element.get_attribute("value")
+        for element in page.driver.find_elements("css selector", "input")
+        if (element.get_attribute("value") or "").endswith("bright.safetensors")
     )
     page.choose(bright, "lr_tiny")
     page.until(lambda: "1" in strengths(page), "the strength of the other weights")
@@ -166,7 +166,7 @@ def test_other_weights_bring_their_strength(page):
 
 
 def strengths(page: Opened) -> list[str]:
-    return [one.get_attribute("value") or "" for one in page.driver.find_elements("css selector", "input")]
+    return [element.get_attribute("value") or "" for element in page.driver.find_elements("css selector", "input")]
 
 
 def test_the_button_moves_the_camera_to_the_nearest_photo(page):

@@ -20,27 +20,27 @@ KEPT = [PageCamera.of(CAPTURE[index]) for index in (0, 3, 7)]
 
 
 def test_a_saved_path_is_the_path_that_video_lays(tmp_path):
-    laid = path_through_cameras(KEPT, 320, 2.0, CAPTURE, 10.0)
-    file = SavedFiles(tmp_path / "saved").save_path(laid, 10.0)
+    path_cameras = path_through_cameras(KEPT, 320, 2.0, CAPTURE, 10.0)
+    file = SavedFiles(tmp_path / "saved").save_path(path_cameras, 10.0)
     assert file.name == "path_001.json"
     with initialised():
         path = compute_path(compose("video", [f"path={file}"]), CAPTURE)
     assert path.fps == 10
-    assert len(path.cameras) == len(laid) == 20
-    for camera, same in zip(laid, path.cameras, strict=True):
+    assert len(path.cameras) == len(path_cameras) == 20
+    for camera, same in zip(path_cameras, path.cameras, strict=True):
         assert (same.height, same.width) == (camera.height, camera.width) == (240, 320)
         torch.testing.assert_close(same.world_to_camera, camera.world_to_camera, atol=1e-5, rtol=0)
         torch.testing.assert_close(same.K, camera.K, atol=1e-2, rtol=1e-5)
-    for camera, kept in zip((laid[0], laid[-1]), (CAPTURE[0], CAPTURE[7]), strict=True):
-        torch.testing.assert_close(camera.world_to_camera, kept.world_to_camera, atol=1e-5, rtol=0)
+    for camera, capture_camera in zip((path_cameras[0], path_cameras[-1]), (CAPTURE[0], CAPTURE[7]), strict=True):
+        torch.testing.assert_close(camera.world_to_camera, capture_camera.world_to_camera, atol=1e-5, rtol=0)
 
 
 def test_frames_have_the_first_cameras_aspect_and_each_its_own_lens():
     wide = dataclasses.replace(KEPT[1], aspect=3.0, fov=1.5)
-    laid = path_through_cameras([KEPT[0], wide], 320, 1.0, CAPTURE)
-    assert {(camera.height, camera.width) for camera in laid} == {(240, 320)}
-    assert len(laid) == 30
-    assert float(laid[0].K[1, 1]) > float(laid[-1].K[1, 1])
+    path_cameras = path_through_cameras([KEPT[0], wide], 320, 1.0, CAPTURE)
+    assert {(camera.height, camera.width) for camera in path_cameras} == {(240, 320)}
+    assert len(path_cameras) == 30
+    assert float(path_cameras[0].K[1, 1]) > float(path_cameras[-1].K[1, 1])
 
 
 def test_a_path_that_video_would_refuse_is_not_saved():

@@ -77,23 +77,23 @@ def test_what_was_asked_for_since_takes_the_place():
 
 
 def test_the_worker_draws_until_it_is_stopped_and_gives_up_full_views_alone():
-    drawn, begun, go_on = [], threading.Event(), threading.Event()
+    drawn, started, go_on = [], threading.Event(), threading.Event()
 
     def draw(viewer, full, superseded):
-        begun.set()
+        started.set()
         assert go_on.wait(30)
         drawn.append((viewer, full, superseded()))
         if len(drawn) == 3:
-            done.set()
+            completed.set()
 
-    done = threading.Event()
+    completed = threading.Event()
     worker = Worker(draw, ViewSchedule(settle_seconds=0.0))
     worker.start()
     worker.content_changed("a")
-    assert begun.wait(30)
+    assert started.wait(30)
     worker.camera_moved("a")
     go_on.set()
-    assert done.wait(30)
+    assert completed.wait(30)
     worker.stop()
     assert drawn == [("a", True, True), ("a", False, False), ("a", True, False)]
     worker.camera_moved("a")

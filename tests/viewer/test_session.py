@@ -40,8 +40,8 @@ def test_a_view_is_rendered_and_enhanced_by_the_share_of_the_weights_card(sessio
     half = (view.enhanced - view.render)[inner]
     full = drawn(session, looking(0.0), dataclasses.replace(session.initial_choice, strength=1.0))
     assert full.enhanced is not None
-    whole = (full.enhanced - full.render)[inner]
-    assert float(half.mean()) == pytest.approx(float(whole.mean()) / 2, rel=0.1)
+    full_change = (full.enhanced - full.render)[inner]
+    assert float(half.mean()) == pytest.approx(float(full_change.mean()) / 2, rel=0.1)
     assert float(half.mean()) > 0.01
     assert session.strength(session.initial_choice) == 0.5
     assert 1 <= len(view.references) <= 3
@@ -53,7 +53,7 @@ def test_coverage_is_the_share_of_the_photos_that_show_a_pixel(session):
     camera = looking(0.0)
     view, stage = drawn(session, camera), session.stage(session.initial_choice)
     config = stage.enhancer.reference_config
-    target = stage.target("again.png", camera)
+    target = stage.make_target("again.png", camera)
     aligned = config.align(read_target(target), target, stage.pool)
     assert view.coverage is not None
     torch.testing.assert_close(view.coverage, (aligned.visibility.sum(0) / 3).clamp(0, 1))
@@ -87,9 +87,9 @@ def test_a_camera_that_looks_away_sees_nothing_and_changes_nothing(session):
 def test_the_nearest_photo_is_that_of_its_own_camera(session):
     stage = session.stage(session.initial_choice)
     for view in stage.pool.views:
-        found = stage.nearest_photo(PageCamera.of(view.camera).to_camera(64))
-        assert found is not None
-        assert found.name == view.name
+        photo = stage.nearest_photo(PageCamera.of(view.camera).to_camera(64))
+        assert photo is not None
+        assert photo.name == view.name
 
 
 def test_plans_of_past_views_are_forgotten(session):
@@ -101,8 +101,8 @@ def test_plans_of_past_views_are_forgotten(session):
 
 
 def test_the_number_of_references_is_chosen(session):
-    one = drawn(session, looking(0.0), dataclasses.replace(session.initial_choice, max_references=1))
-    assert len(one.references) == 1
+    view = drawn(session, looking(0.0), dataclasses.replace(session.initial_choice, max_references=1))
+    assert len(view.references) == 1
     none = drawn(session, looking(0.0), dataclasses.replace(session.initial_choice, max_references=0))
     assert none.references == ()
 
@@ -125,8 +125,8 @@ def test_another_splat_of_the_same_capture_brings_its_own_renders(configured, vi
     assert session.initial_choice.splat == DISTILLED
     assert open_session(configured(f"distilled={viewed}"), CPU).choices.splats == (RAW, DISTILLED)
     raw = dataclasses.replace(session.initial_choice, splat=RAW)
-    ours, other = drawn(session, looking(0.0)), drawn(session, looking(0.0), raw)
-    assert float((ours.render - other.render).abs().mean()) > 0.01
+    distilled_view, raw_view = drawn(session, looking(0.0)), drawn(session, looking(0.0), raw)
+    assert float((distilled_view.render - raw_view.render).abs().mean()) > 0.01
     renders = [session.stage(choice).pool.read(0).render for choice in (session.initial_choice, raw)]
     assert float((renders[0] - renders[1]).abs().mean()) > 0.01
     assert torch.equal(*(session.stage(choice).pool.read(0).image for choice in (session.initial_choice, raw)))
@@ -151,7 +151,7 @@ def test_super_resolution_shows_a_picture_of_the_same_size(configured):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["run=null"], "view: was given nothing to render; give one of run="),
         (["gaussians=a.ply"], "was given run and gaussians"),
@@ -162,6 +162,6 @@ def test_super_resolution_shows_a_picture_of_the_same_size(configured):
         (["method=4dgs"], "4dgs"),
     ],
 )
-def test_what_cannot_be_used_is_refused_before_a_page_is_served(configured, words, told):
-    with pytest.raises(InputError, match=told):
+def test_what_cannot_be_used_is_refused_before_a_page_is_served(configured, words, message):
+    with pytest.raises(InputError, match=message):
         open_session(configured(*words), CPU)

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from gaussian_enhancer.align.alignment import Reprojected, Unwarped
 from gaussian_enhancer.api.images import check_same_size, one_per_image, read_images, read_planes
-from gaussian_enhancer.api.references import KnownReferences, Reference, sized_camera
+from gaussian_enhancer.api.references import CachedReferences, Reference, sized_camera
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.planner import Planner
@@ -72,7 +72,7 @@ class Enhancer:
         self.options = EnhancementOptions() if options is None else options
         self.reference_config = self.options.reference_config(pretrained, "expected")
         self._set_enhancer = self.options.enhancer(pretrained, self.reference_config, self.device)
-        self._added_references = self._call_references = KnownReferences.of((), False)
+        self._added_references = self._call_references = CachedReferences.of((), False)
 
     @classmethod
     def from_pretrained(
@@ -116,13 +116,13 @@ class Enhancer:
         Raises:
             InputError: the argument is not a `Reference`, or its name is taken.
         """
-        self._added_references = KnownReferences.of(
+        self._added_references = CachedReferences.of(
             (*self._added_references.references, reference), self.reference_config.fine
         )
 
     def clear_references(self) -> None:
         """Remove all added references, and all cached data of references."""
-        self._added_references = self._call_references = KnownReferences.of((), False)
+        self._added_references = self._call_references = CachedReferences.of((), False)
 
     def __call__(
         self,
@@ -160,34 +160,34 @@ class Enhancer:
                 instance that the depth does not fit the renders.
         """
         images, kind = read_images("render", render)
-        known_references = self._known_references(references)
+        cached = self._references_of_call(references)
         targets = self._target_views(images, kind.batch, camera, depth, alpha, name)
-        self._check_geometry(targets, known_references)
-        rendered = RenderedSet("input", targets, known_references.views, self.background, known_references.depth_fits)
+        self._check_geometry(targets, cached)
+        rendered = RenderedSet("input", targets, cached.views, self.background, cached.depth_fits)
         config, rules = self.reference_config, self.options.rules
-        if not known_references.views:
+        if not cached.views:
             config = EnhancementOptions(max_references=0).reference_config(self.pretrained, "expected")
-        validated = validate_inputs(rendered, config, rules, self.scale, known_references.pool)
+        validated = validate_inputs(rendered, config, rules, self.scale, cached.pool)
         if validated.missing_references:
             reasons = [item.why for item in validated.parts if not item.used and item.name in WARNED_INPUTS]
             warnings.warn("; ".join(filter(None, reasons)), stacklevel=2)
-        self._cache_references(known_references, validated)
+        self._cache_references(cached, validated)
         self._set_enhancer.reference_config = validated.reference_config
-        planner = known_references.planner if known_references.planner is not None else validated.planner(rules)
-        enhanced = self._set_enhancer(validated.rendered, planner, validated.pool, known_references.features)
+        planner = cached.planner if cached.planner is not None else validated.planner(rules)
+        enhanced = self._set_enhancer(validated.rendered, planner, validated.pool, cached.features)
         result = torch.stack([item.image for item in enhanced])
         if planner is not None:
             planner.known.clear()
         return kind.restore_kind(result)
 
-    def _known_references(self, references: Sequence[Reference] | None) -> KnownReferences:
+    def _references_of_call(self, references: Sequence[Reference] | None) -> CachedReferences:
         """The references of a call: those added, or the given ones, cached as long as calls pass the same objects."""
         if references is None:
             return self._added_references
         if isinstance(references, Reference):
             raise InputError("references", "is one reference", "give a list: references=[reference]")
         if not self._call_references.are_same(references):
-            self._call_references = KnownReferences.of(tuple(references), self.reference_config.fine)
+            self._call_references = CachedReferences.of(tuple(references), self.reference_config.fine)
         return self._call_references
 
     def _target_views(
@@ -217,38 +217,38 @@ class Enhancer:
             for i in range(count)
         )
 
-    def _check_geometry(self, targets: Sequence[RenderedView], known_references: KnownReferences) -> None:
+    def _check_geometry(self, targets: Sequence[RenderedView], cached: CachedReferences) -> None:
         """Refuse references that cannot be reprojected because a camera or depth is missing.
 
         Raises:
             InputError: a camera or depth is missing.
         """
         config = self.reference_config
-        if not known_references.views or not config.references or not isinstance(config.warp, Reprojected):
+        if not cached.views or not config.references or not isinstance(config.warp, Reprojected):
             return
         for view in targets:
             for name, value in (("camera", view.camera), ("depth", view.read_depth)):
                 if value is None:
                     remedy = f"give {name}=, or references=[] to enhance from the render alone"
                     raise InputError(view.name, f"has references but no {name} to reproject them by", remedy)
-        without_camera = next((view.name for view in known_references.views if view.camera is None), None)
+        without_camera = next((view.name for view in cached.views if view.camera is None), None)
         if without_camera is not None:
             raise InputError(f"reference {without_camera}", "has no camera", "give Reference(photo, camera, ...)")
 
-    def _cache_references(self, known_references: KnownReferences, validated: ValidatedInputs) -> None:
+    def _cache_references(self, cached: CachedReferences, validated: ValidatedInputs) -> None:
         """Cache what later calls with the same references can reuse."""
-        if validated.pool is not known_references.pool:
-            known_references.planner = None  # depth was refused in this call, including that of the references
+        if validated.pool is not cached.pool:
+            cached.planner = None  # depth was refused in this call, including that of the references
             return
-        known_references.depth_fits = bool(known_references.views) and self.options.rules.depth == "auto"
-        if known_references.planner is None and not self.options.rules.full:
-            known_references.planner = Planner(
-                self.options.rules, validated.reference_config, validated.rendered, pool=known_references.pool
+        cached.depth_fits = bool(cached.views) and self.options.rules.depth == "auto"
+        if cached.planner is None and not self.options.rules.full:
+            cached.planner = Planner(
+                self.options.rules, validated.reference_config, validated.rendered, pool=cached.pool
             )
         network = self.pretrained.network
         unwarped = isinstance(validated.reference_config.warp, Unwarped)
-        if known_references.features is None and isinstance(network, CachesReferences) and unwarped:
-            known_references.features = ReferenceFeatures(network)
+        if cached.features is None and isinstance(network, CachesReferences) and unwarped:
+            cached.features = ReferenceFeatures(network)
 
 
 def _reader(batch: Tensor | None, index: int) -> Any:

@@ -60,8 +60,8 @@ class Reference:
 
 
 @dataclass
-class KnownReferences:
-    """References in use, and data that earlier calls computed from them.
+class CachedReferences:
+    """References, and data that earlier calls computed from them.
 
     Args:
         references: the references as the user gave them.
@@ -83,7 +83,7 @@ class KnownReferences:
         self.pool = ReferencePool(self.views)
 
     @classmethod
-    def of(cls, references: Sequence[Reference], fine: bool) -> "KnownReferences":
+    def of(cls, references: Sequence[Reference], fine: bool) -> "CachedReferences":
         """Create views of references, without any cached data.
 
         Args:

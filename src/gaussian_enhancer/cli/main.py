@@ -140,13 +140,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         _dispatch(words)
     except InputError as error:
-        _end(2, str(error))
+        _exit(2, str(error))
     except LostProcessError as error:
-        _end(1, f"{error}; the same command goes on where it stopped")
+        _exit(1, f"{error}; the same command goes on where it stopped")
     except KeyboardInterrupt:
         restarts = bool(words) and words[0] in BENCHMARKS
         continuation = "begins anew" if restarts else "goes on where it stopped"
-        _end(INTERRUPTED, f"stopped by Ctrl-C; the same command {continuation}")
+        _exit(INTERRUPTED, f"stopped by Ctrl-C; the same command {continuation}")
 
 
 def _dispatch(words: Sequence[str]) -> None:
@@ -208,8 +208,8 @@ def launch(job: str, arguments: Sequence[str]) -> None:
     filtered_stderr = cast(Any, OverridesFilter(cast(io.TextIOBase, sys.stderr)))
     try:
         with redirect_stderr(filtered_stderr):
-            hydra.main(version_base="1.3", config_path=str(configurations()), config_name=job)(task(job))()
-    except InstantiationException:
+            hydra.main(version_base="1.3", config_path=str(configurations()), config_name=job)(job_function(job))()
+    except InstantiationException:  # a bug in this project's code: `build` converts the user's mistakes
         raise
     except HydraException as error:
         raise to_input_error(error, job) from error
@@ -221,7 +221,7 @@ def launch(job: str, arguments: Sequence[str]) -> None:
         raise LostProcessError("a process of the sweep was killed, for want of memory perhaps") from error
 
 
-def task(job: str) -> Callable[[Any], Any]:
+def job_function(job: str) -> Callable[[Any], Any]:
     """The function that Hydra calls with the composed configuration.
 
     It checks the job's options, locks the path that the job writes outside of runs, and marks the runs that an error
@@ -294,6 +294,6 @@ def _complete_overrides(job: str, line: str) -> list[str]:
     return sorted(plugin._query(config_name=job, line=line))
 
 
-def _end(code: int, message: str) -> None:
+def _exit(code: int, message: str) -> None:
     print(f"gaussian-enhancer: {message}", file=sys.stderr)
     raise SystemExit(code)

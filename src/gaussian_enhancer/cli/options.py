@@ -20,7 +20,7 @@ LONGEST_NAME, LONGEST_PATH = 255, 4095
 """Most bytes that operating systems allow in a file's name and in a path."""
 
 
-def _usable(path: str) -> str:
+def _check_path(path: str) -> str:
     names = [os.fsencode(name) for name in path.split("/")]
     if any(len(name) > LONGEST_NAME for name in names) or len(os.fsencode(path)) > LONGEST_PATH:
         raise ValueError(f"a path of at most {LONGEST_PATH} bytes, with names of at most {LONGEST_NAME}")
@@ -29,7 +29,7 @@ def _usable(path: str) -> str:
     return path
 
 
-PathText = Annotated[str, AfterValidator(_usable)]
+PathText = Annotated[str, AfterValidator(_check_path)]
 PathTexts = list[PathText]
 Scalar = str | int | float
 Group = dict[str, Any]
@@ -103,8 +103,13 @@ class Simulate(Options):
 
 
 class Enhancing(Options):
-    """Options of jobs that enhance views."""
+    """Options of jobs that enhance views of a splat."""
 
+    scene: Group | None
+    run: PathText | None
+    gaussians: PathText | None
+    invalid: str
+    method: str
     weights: PathText
     max_references: NonNegativeInt | None
     depth_kind: str
@@ -119,16 +124,11 @@ class Enhancing(Options):
 class Enhance(Enhancing):
     """Options of the job ``enhance``."""
 
-    scene: Group | None
     plan: Group
     distil: bool
     dry_run: bool
-    run: PathText | None
     step: NonNegativeInt | None
     every: Count
-    gaussians: PathText | None
-    invalid: str
-    method: str
     views: str
     renders: PathText | None
     photos: PathText | None
@@ -144,12 +144,7 @@ class Enhance(Enhancing):
 class Video(Enhancing):
     """Options of the job ``video``."""
 
-    scene: Group | None
     plan: Group
-    run: PathText | None
-    gaussians: PathText | None
-    invalid: str
-    method: str
     path: PathText
     input: PathText | None
     frames: Count | None
@@ -169,13 +164,8 @@ class Video(Enhancing):
 class View(Enhancing):
     """Options of the job ``view``."""
 
-    scene: Group | None
     plan: Group
-    run: PathText | None
-    gaussians: PathText | None
     distilled: PathText | None
-    invalid: str
-    method: str
     host: str
     port: Annotated[int, Field(ge=0, lt=2**16)]
     show: str
@@ -187,13 +177,8 @@ class View(Enhancing):
 class Distil(Enhancing):
     """Options of the job ``distil``."""
 
-    scene: Group | None
     settings: Group
     evidence: Group
-    run: PathText | None
-    gaussians: PathText | None
-    invalid: str
-    method: str
     format: str
     prune: bool
     prune_only: bool

@@ -26,6 +26,10 @@ STOPS = (  # OKLab lightness, a, b: ink, violet, red, orange, pale yellow; light
 )
 EDGE = 1600
 """Longest edge in pixels of an image embedded in a page."""
+SCALE_QUANTILE = 0.99
+"""Share of pixels below the end of an error scale, so that single outliers do not darken all other pixels."""
+GAP, TEXT_HEIGHT = 8, 18
+"""Space between the images of a contact sheet, and height of a line of text, in pixels."""
 
 
 def colour_map(count: int = 256) -> Float[Tensor, "c 3"]:
@@ -64,18 +68,17 @@ def sample_values(errors: Float[Tensor, "h w"], count: int = 20_000) -> Float[Te
     return errors.flatten()[:: max(1, errors.numel() // count)]
 
 
-def error_scale(errors: Sequence[Float[Tensor, " _"]], quantile: float = 0.99) -> float:
+def error_scale(errors: Sequence[Float[Tensor, " _"]]) -> float:
     """The error that maps to the lightest colour: a quantile over all maps that share the scale.
 
     Args:
         errors: values of each map, in [0, 1].
-        quantile: share of pixels below the end of the scale, so that single outliers do not darken all other pixels.
 
     Returns:
         The end of the scale, rounded up to a multiple of 0.01 and at least 0.02.
     """
     pooled = torch.cat(list(errors)).sort().values
-    end = float(pooled[round(quantile * (len(pooled) - 1))])
+    end = float(pooled[round(SCALE_QUANTILE * (len(pooled) - 1))])
     return max(0.02, math.ceil(end * 100 - 1e-6) / 100)
 
 
@@ -131,7 +134,6 @@ def contact_sheet(
     titles: Sequence[str],
     names: Sequence[str],
     height: int = 240,
-    gap: int = 8,
 ) -> Image.Image:
     """Images in rows and columns, with a title over each column and a name under each row.
 
@@ -140,7 +142,6 @@ def contact_sheet(
         titles: column titles.
         names: row names, one per row.
         height: height of an image on the sheet, in pixels.
-        gap: space between images, in pixels.
 
     Raises:
         InputError: rows differ in length, or there is not one name per row.
@@ -148,19 +149,15 @@ def contact_sheet(
     if not rows or len(rows) != len(names) or any(len(row) != len(titles) for row in rows):
         received = f"has rows of {sorted({len(row) for row in rows})} images, {len(titles)} titles, {len(names)} names"
         raise InputError("contact sheet", received, "give every row one image a title, and a name")
-    text_height = 18
     thumbnails = [[_thumbnail(image, height) for image in row] for row in rows]
     widths = [max(row[column].width for row in thumbnails) for column in range(len(titles))]
-    sheet_width = sum(widths) + gap * (len(widths) + 1)
-    sheet = Image.new(
-        "RGB", (sheet_width, 2 * gap + text_height + len(rows) * (height + text_height + gap)), (250, 250, 250)
-    )
+    lefts = [GAP + sum(widths[:column]) + GAP * column for column in range(len(widths))]
+    tops = [2 * GAP + TEXT_HEIGHT + index * (height + TEXT_HEIGHT + GAP) for index in range(len(rows) + 1)]
+    sheet = Image.new("RGB", (sum(widths) + GAP * (len(widths) + 1), tops[-1]), (250, 250, 250))
     draw = ImageDraw.Draw(sheet)
-    lefts = [gap + sum(widths[:column]) + gap * column for column in range(len(widths))]
     for left, title in zip(lefts, titles, strict=True):
-        draw.text((left, gap), title, fill=(40, 40, 40))
-    for index, (row, name) in enumerate(zip(thumbnails, names, strict=True)):
-        top = 2 * gap + text_height + index * (height + text_height + gap)
+        draw.text((left, GAP), title, fill=(40, 40, 40))
+    for top, row, name in zip(tops[:-1], thumbnails, names, strict=True):
         for left, picture in zip(lefts, row, strict=True):
             sheet.paste(picture, (left, top))
         draw.text((lefts[0], top + height + 2), name, fill=(90, 90, 90))

@@ -137,9 +137,9 @@ def report_data(
     }
 
 
-def _subtitle(views: Sequence[ComparedView], shown: int) -> str:
+def _subtitle(views: Sequence[ComparedView], pictured_count: int) -> str:
     photos = sum(view.read_photo is not None for view in views)
     count = f"{len(views)} view{'s' if len(views) != 1 else ''}"
     against = f"measured against {'their' if photos == len(views) else str(photos)} photos" if photos else "no photos"
-    selection = "" if shown == len(views) else f" · pictures of {shown}, numbers of all"
+    selection = "" if pictured_count == len(views) else f" · pictures of {pictured_count}, numbers of all"
     return f"{count} · {against}{selection}"

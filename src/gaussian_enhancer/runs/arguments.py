@@ -20,7 +20,7 @@ def only_given(inputs: Mapping[str, object], job: str, nothing: str, remedy: str
     Args:
         inputs: all of them by name; None is an input that was not given.
         job: name of the job, for the message.
-        nothing: what the message says was given if no input was.
+        nothing: what the message names where no input was given.
         remedy: the message's remedy.
 
     Raises:
@@ -46,16 +46,16 @@ def check_arguments(node: DictConfig) -> None:
         _check({str(name): value for name, value in values.items()}, str(node._get_full_key(None) or ""))
 
 
-def _check(values: Mapping[str, Any], place: str) -> None:
+def _check(values: Mapping[str, Any], key: str) -> None:
     target = values.get("_target_")
     if isinstance(target, str) and target.startswith(CHECKED_PACKAGES) and not values.get("_partial_"):
-        _check_target(target, values, place)
+        _check_target(target, values, key)
     for name, value in values.items():
         if isinstance(value, Mapping):
-            _check(value, f"{place}.{name}" if place else name)
+            _check(value, f"{key}.{name}" if key else name)
 
 
-def _check_target(target: str, values: Mapping[str, Any], place: str) -> None:
+def _check_target(target: str, values: Mapping[str, Any], key: str) -> None:
     target_callable = get_object(target)
     parameters = inspect.signature(target_callable).parameters
     hints = _hints(target_callable)
@@ -63,7 +63,7 @@ def _check_target(target: str, values: Mapping[str, Any], place: str) -> None:
     for name, value in values.items():
         if name.startswith("_"):
             continue
-        subject = f"{place}.{name}" if place else name
+        subject = f"{key}.{name}" if key else name
         if name not in parameters and not open_ended:
             raise InputError(subject, f"is no option of {target.rsplit('.', 1)[1]}", f"choose {', '.join(parameters)}")
         if name in hints and not _is_built(value):

@@ -61,7 +61,7 @@ def load_enhancement(cfg: DictConfig, device: torch.device) -> tuple[SetEnhancer
 
 
 def recover_missing_geometry(
-    task: Task, pretrained: Pretrained, options: EnhancementOptions, folder: Path, shown: bool = False
+    task: Task, pretrained: Pretrained, options: EnhancementOptions, folder: Path, show_progress: bool = False
 ) -> Task:
     """Recover cameras and depth from the task's images if references are to be warped and their geometry is missing.
 
@@ -70,16 +70,16 @@ def recover_missing_geometry(
         pretrained: the weights.
         options: options of the enhancement.
         folder: folder in which the recovered geometry is kept (`recover_geometry`).
-        shown: show a progress bar.
+        show_progress: show a progress bar.
 
     Raises:
         InputError: an image cannot be read, or the folder cannot be written.
     """
-    requested = options.reference_config(pretrained, task.depth)
-    warped = requested.references > 0 and isinstance(requested.warp, Reprojected) and options.rules.depth != "none"
+    config = options.reference_config(pretrained, task.depth)
+    warped = config.references > 0 and isinstance(config.warp, Reprojected) and options.rules.depth != "none"
     if not warped or not lacks_geometry(task.rendered):
         return task
-    with RecoveryProgress(shown) as bar:
+    with RecoveryProgress(show_progress) as bar:
         recovered = recover_geometry(task.rendered, folder, bar.update)
     origins = {"cameras": recovered.cameras, "depth": recovered.depth}
     origins = {name: origin for name, origin in origins.items() if origin}
@@ -100,8 +100,8 @@ def prepare_enhancement(
     Raises:
         InputError: references are requested but there are none, or an option is out of range.
     """
-    requested = options.reference_config(pretrained, task.depth)
-    validated = validate_inputs(task.rendered, requested, options.rules, pretrained.network.scale, origins=task.origins)
+    config = options.reference_config(pretrained, task.depth)
+    validated = validate_inputs(task.rendered, config, options.rules, pretrained.network.scale, origins=task.origins)
     enhancer = options.enhancer(pretrained, validated.reference_config, device)
     return enhancer, replace(task, rendered=validated.rendered), validated
 

@@ -49,11 +49,11 @@ class HighResolutionPhotos:
         # Imported here because it loads the procedural scenes, which jobs without finer photos do not need.
         from gaussian_enhancer.scene.stored import read_scene_values, scene_from_values
 
-        finer = high_resolution_values(read_scene_values(run / "config.yaml"))
-        if not _is_procedural(finer):
-            return attach_fine_photos(rendered, scene_from_values(finer))
-        folder = self.folder / f"{run.name.split('-')[0]}-{digest_of(finer)}"
-        return _render_fine(rendered, cache(lambda: scene_from_values(finer)), folder)
+        fine_scene = high_resolution_values(read_scene_values(run / "config.yaml"))
+        if not _is_procedural(fine_scene):
+            return attach_fine_photos(rendered, scene_from_values(fine_scene))
+        folder = self.folder / f"{run.name.split('-')[0]}-{digest_of(fine_scene)}"
+        return _render_fine(rendered, cache(lambda: scene_from_values(fine_scene)), folder)
 
 
 def high_resolution_config(scene: DictConfig) -> DictConfig:

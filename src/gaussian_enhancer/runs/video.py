@@ -220,23 +220,25 @@ def compute_path(cfg: DictConfig, cameras: Sequence[Camera]) -> CameraPath:
     Raises:
         InputError: the path does not exist, it cannot be computed, or it leaves the capture.
     """
-    requested, subject, height = str(cfg.path), f"path={cfg.path}", _whole_number(cfg, "height")
-    name, fps = requested, None
+    shape_or_file, subject, height = str(cfg.path), f"path={cfg.path}", _whole_number(cfg, "height")
+    name, fps = shape_or_file, None
     clip = None if cfg.input is None else _open_clip(cfg)
     path_cameras: Sequence[Camera]
-    if requested in SHAPES:
+    if shape_or_file in SHAPES:
         frame_count = FRAMES if cfg.frames is None else cfg.frames
-        path_cameras = capture_path(requested, cameras, PathSettings(frame_count, cfg.cameras, cfg.turns, cfg.radius))
+        path_cameras = capture_path(
+            shape_or_file, cameras, PathSettings(frame_count, cfg.cameras, cfg.turns, cfg.radius)
+        )
     else:
         lens = common_lens(cameras)
-        file = read_path(requested, lens.height, lens.width)
-        path_cameras, fps, name = file.cameras, file.fps, re.sub(r"[^\w-]+", "_", Path(requested).stem) or "path"
+        file = read_path(shape_or_file, lens.height, lens.width)
+        path_cameras, fps, name = file.cameras, file.fps, re.sub(r"[^\w-]+", "_", Path(shape_or_file).stem) or "path"
         if cfg.frames is not None:
             path_cameras = smooth_path(path_cameras, PathSettings(cfg.frames).frames, even_speed=True)
     refuse_outside(path_cameras, cameras, subject)
     if clip is None:
         return CameraPath(name, resize_to_even(path_cameras, height), fps)
-    _refuse_other_path(clip, path_cameras, requested)
+    _refuse_other_path(clip, path_cameras, shape_or_file)
     return CameraPath(name, tuple(camera.resized(clip.height, clip.width) for camera in path_cameras), clip.fps, clip)
 
 

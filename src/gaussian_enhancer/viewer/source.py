@@ -91,9 +91,9 @@ class _StageBuilder:
         )
         fine = pretrained.reference_config.fine
         task = self._task(choice.splat, fine)
-        requested = options.reference_config(pretrained, task.depth)
+        reference_config = options.reference_config(pretrained, task.depth)
         pool = self._pool(choice.splat, fine)
-        validated = validate_inputs(task.rendered, requested, options.rules, pretrained.network.scale, pool)
+        validated = validate_inputs(task.rendered, reference_config, options.rules, pretrained.network.scale, pool)
         config = PathReferences.from_config(validated.reference_config)
         validated = replace(validated, reference_config=config)
         enhancer = options.enhancer(pretrained, config, self.device)

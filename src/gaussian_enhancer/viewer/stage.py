@@ -81,7 +81,7 @@ class Stage:
     """Draws the views of a splat and enhances them.
 
     Args:
-        target: returns the view for a name and a camera; its pixels are rendered when they are read.
+        make_target: returns the view for a name and a camera; its pixels are rendered when they are read.
         enhancer: enhancer whose reference configuration is a `PathReferences`, so that references change rarely.
         rendered: set with the references.
         planner: decides which regions of a view are enhanced, and with which references; None enhances every pixel.
@@ -91,14 +91,14 @@ class Stage:
 
     def __init__(
         self,
-        target: Callable[[str, Camera], RenderedView],
+        make_target: Callable[[str, Camera], RenderedView],
         enhancer: SetEnhancer,
         rendered: RenderedSet,
         planner: Planner | None,
         pool: ReferencePool,
         uses_depth: bool = True,
     ) -> None:
-        self.target, self.enhancer, self.rendered = target, enhancer, rendered
+        self.make_target, self.enhancer, self.rendered = make_target, enhancer, rendered
         self.planner, self.pool, self.uses_depth = planner, pool, uses_depth
         enhancer.keeps_coverage = True
         network = enhancer.network
@@ -121,7 +121,7 @@ class Stage:
         started = time.perf_counter()
         scale = self.enhancer.network.scale
         camera = camera.resized(max(1, camera.height // scale), max(1, camera.width // scale))
-        view = read_once(self.target(next(self._names), camera))
+        view = read_once(self.make_target(next(self._names), camera))
         pixels = read_target(view)
         if pixels.depth is None or pixels.alpha is None:
             raise ValueError("a splat's view has depth and opacity")
@@ -136,8 +136,8 @@ class Stage:
         (enhanced,) = self.enhancer(single_view, self.planner, self.pool, self._features)
         if self.planner is not None:
             self.planner.known.clear()  # no view is drawn twice, so its plan is not needed again
-        requested = max(1, self.enhancer.reference_config.references)
-        coverage = None if enhanced.coverage is None else (enhanced.coverage / requested).clamp(0, 1)
+        reference_count = max(1, self.enhancer.reference_config.references)
+        coverage = None if enhanced.coverage is None else (enhanced.coverage / reference_count).clamp(0, 1)
         times = Times(rendering, enhanced.preparing, enhanced.enhancing)
         return StageView(*fields, enhanced.image, coverage, enhanced.references, times)
 
