@@ -33,9 +33,7 @@ class Prediction(LightningModule):
         planner: decides which regions of a view are enhanced, and with which references; None enhances every pixel.
     """
 
-    def __init__(
-        self, enhancer: SetEnhancer, rendered: RenderedSet, folder: Path, planner: Planner | None = None
-    ) -> None:
+    def __init__(self, enhancer: SetEnhancer, rendered: RenderedSet, folder: Path, planner: Planner | None) -> None:
         super().__init__()
         self.enhancer, self.rendered, self.folder, self.planner = enhancer, rendered, folder, planner
         self.pool = ReferencePool(rendered.references)  # references stay in memory for the following views
@@ -55,47 +53,6 @@ class Prediction(LightningModule):
         self.written.append(replace(enhanced, image=torch.empty(3, 0, 0), plan=None))
 
 
-def enhance_part(
-    enhancer: SetEnhancer,
-    rendered: RenderedSet,
-    folder: Path,
-    count: int,
-    progress: bool,
-    planner: Planner | None = None,
-) -> list[EnhancedView]:
-    """Enhance this process's part of a set's targets and write the images.
-
-    Lightning distributes the views among the processes: each view is enhanced exactly once.
-
-    Args:
-        enhancer: the network with its reference configuration.
-        rendered: the whole set, with at least as many targets as processes.
-        folder: folder of the enhanced images.
-        count: number of processes.
-        progress: show a progress bar.
-        planner: decides which regions of a view are enhanced, and with which references; None enhances every pixel.
-
-    Returns:
-        All views, those of the other processes included, in the set's order, without their pixels and plans.
-    """
-    silence_lightning()
-    trainer = Trainer(
-        accelerator=enhancer.device.type,
-        devices=count,
-        strategy=DDPStrategy() if count > 1 else "auto",
-        logger=False,
-        enable_checkpointing=False,
-        enable_model_summary=False,
-        enable_progress_bar=progress,
-    )
-    module = Prediction(enhancer, rendered, folder, planner)
-    views: DataLoader[int] = DataLoader(range(len(rendered.targets)), batch_size=None)  # type: ignore[arg-type]
-    with raise_interrupt(trainer):
-        trainer.predict(module, views, return_predictions=False)
-    enhanced_views = {enhanced.name: enhanced for enhanced in gather(module.written)}
-    return [enhanced_views[view.name] for view in rendered.targets]
-
-
 def enhance_in_processes(
     folder: Path, plan: Plan, cfg: DictConfig, accelerator: str, processes: int
 ) -> list[EnhancedView]:
@@ -106,7 +63,7 @@ def enhance_in_processes(
         plan: which regions of each view are enhanced.
         cfg: configuration of the job ``enhance``.
         accelerator: Lightning's name of the device type.
-        processes: number of processes, at most the number of views.
+        processes: number of processes, from 2 to the number of views.
 
     Returns:
         All views in the set's order, without their pixels and plans.
@@ -119,9 +76,27 @@ def enhance_in_processes(
 
 
 def _enhance_part(cfg: DictConfig, folder: Path, plan: Plan, processes: int) -> list[EnhancedView]:
-    """Enhance one process's part of the views."""
+    """Enhance this process's part of the views and write the images; return the views of all processes.
+
+    Lightning distributes the views among the processes: each view is enhanced exactly once.
+    """
     device = start(cfg.runtime)
     device = torch.device("cuda", int(os.environ["LOCAL_RANK"])) if device.type == "cuda" else device
     enhancer, task, validated = load_enhancement(cfg, device)
-    planner = validated.planner(plan.rules, plan.views)
-    return enhance_part(enhancer, task.rendered, folder, processes, cfg.runtime.progress, planner)
+    targets = task.rendered.targets
+    silence_lightning()
+    trainer = Trainer(
+        accelerator=device.type,
+        devices=processes,
+        strategy=DDPStrategy(),
+        logger=False,
+        enable_checkpointing=False,
+        enable_model_summary=False,
+        enable_progress_bar=cfg.runtime.progress,
+    )
+    module = Prediction(enhancer, task.rendered, folder, validated.planner(plan.rules, plan.views))
+    indices: DataLoader[int] = DataLoader(range(len(targets)), batch_size=None)  # type: ignore[arg-type]
+    with raise_interrupt(trainer):
+        trainer.predict(module, indices, return_predictions=False)
+    enhanced_views = {enhanced.name: enhanced for enhanced in gather(module.written)}
+    return [enhanced_views[view.name] for view in targets]

@@ -113,6 +113,7 @@ def _tables(records: Sequence[Record], pairs: Sequence[VariantPair]) -> dict[str
 
 
 def _score(records: Sequence[Record], pairs: Sequence[VariantPair]) -> float | None:
+    """The mean gain of pairs, else the mean of records, in colour-aligned PSNR; None without a finite value."""
     if pairs:
         comparison = compare(pairs, "psnr_aligned")
         return comparison.gain if comparison.count else None

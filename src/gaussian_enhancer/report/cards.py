@@ -21,7 +21,7 @@ class CardImages:
         scale: error that maps to the lightest colour, the same for all maps of the page; None if no view has a photo.
         budget: maximum number of bytes of one picture.
         ramp: the error colours as a CSS list, dark to light.
-        portrait: whether all pictures are higher than wide.
+        portrait: whether all pictures are taller than wide.
     """
 
     scale: float | None

@@ -30,7 +30,7 @@ def resize_to_photo(image: Float[Tensor, "3 h w"], view: RenderedView, scale: in
     Args:
         image: the enhanced image.
         view: the view that was enhanced.
-        scale: how many times finer the image is than the render.
+        scale: upscaling factor of the network.
     """
     return image if scale == 1 or view.fine_size is None else resize(image, *view.fine_size)
 
@@ -44,7 +44,7 @@ def write_enhanced(
         views: enhanced views.
         folder: where images are written, under the renders' names.
         rendered: the set that was enhanced.
-        scale: how many times finer the images are than the renders.
+        scale: upscaling factor of the network.
 
     Returns:
         The views with empty images, to free their memory.
@@ -67,7 +67,7 @@ def write_enhanced_view(enhanced: EnhancedView, folder: Path, view: RenderedView
         enhanced: the enhanced view.
         folder: folder of the images; the file has the render's name.
         view: the view that was enhanced.
-        scale: how many times finer the image is than the render.
+        scale: upscaling factor of the network.
 
     Raises:
         InputError: the image cannot be written.
@@ -84,7 +84,7 @@ def write_sources(rendered: RenderedSet, folder: Path, scale: int) -> None:
     Args:
         rendered: the targets; photos are written for targets that have one.
         folder: parent of the two folders, which also holds the folder of the enhanced images.
-        scale: how many times finer the enhanced images are than the renders; above 1, renders are enlarged bicubically.
+        scale: upscaling factor of the network; above 1, renders are enlarged bicubically.
 
     Raises:
         InputError: a file cannot be read or written.

@@ -47,13 +47,13 @@ SUMMARY, CAMERAS, DEPTH = "geometry.json", "cameras", "depth"
 """Names of the outputs: a summary, a COLMAP model, and a depth map for each view."""
 RENDER, PHOTO = "render", "photo"
 """Prefixes of file names, followed by the view's number."""
-PARTS = {
+PROGRESS_LABELS = {
     "features": "structure from motion: features",
     "matches": "structure from motion: matches",
     "cameras": "structure from motion: cameras",
     "depth": "plane sweep",
 }
-"""Descriptions of the parts of the work in the progress bar."""
+"""Labels of the progress bar by step of the recovery."""
 Read = Callable[[], Tensor]
 
 
@@ -76,18 +76,18 @@ class RecoveryProgress:
     def __exit__(self, *error: object) -> None:
         self._bar.stop()
 
-    def update(self, part: str, done: int, total: int) -> None:
-        """Show the progress of a part.
+    def update(self, step: str, done: int, total: int) -> None:
+        """Show the progress of a step.
 
         Args:
-            part: one of `PARTS`.
-            done: number of steps done.
-            total: number of all steps.
+            step: one of `PROGRESS_LABELS`.
+            done: number of items done.
+            total: number of all items.
         """
-        if part not in self._tasks:
+        if step not in self._tasks:
             self._bar.start()
-            self._tasks[part] = self._bar.add_task(PARTS[part], total=total)
-        self._bar.update(self._tasks[part], completed=done)
+            self._tasks[step] = self._bar.add_task(PROGRESS_LABELS[step], total=total)
+        self._bar.update(self._tasks[step], completed=done)
 
 
 @dataclass(frozen=True)
