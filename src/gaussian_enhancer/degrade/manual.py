@@ -29,20 +29,22 @@ def degrade(view: View, steps: Sequence[Sequence[ArtefactStep]], generators: Seq
     for position in range(max((len(sample_steps) for sample_steps in steps), default=0)):
         current = [sample_steps[position] if position < len(sample_steps) else None for sample_steps in steps]
         for name in dict.fromkeys(step.type for step in current if step is not None):
-            indices = [i for i, step in enumerate(current) if step is not None and step.type == name]
-            type_steps = [step for step in current if step is not None and step.type == name]
-            view = _apply(view, indices, type_steps, [named_generator(name, seeds[i]) for i in indices])
+            type_steps = {i: step for i, step in enumerate(current) if step is not None and step.type == name}
+            type_generators = [named_generator(name, seeds[i]) for i in type_steps]
+            view = _apply(view, list(type_steps), list(type_steps.values()), type_generators)
     return view
 
 
-def _apply(view: View, chosen: list[int], steps: Sequence[ArtefactStep], generators: Sequence[torch.Generator]) -> View:
-    index = torch.tensor(chosen, device=view.image.device)
+def _apply(
+    view: View, indices: list[int], steps: Sequence[ArtefactStep], generators: Sequence[torch.Generator]
+) -> View:
+    """Apply steps of one type to the samples of a batch with these indices."""
+    index = torch.tensor(indices, device=view.image.device)
     selected = view[index]
     strength = torch.tensor([step.strength for step in steps]).to(view.image)
     degraded = ARTEFACTS[steps[0].type](selected, strength, generators)
     height, width = view.image.shape[-2:]
-    regions = soft_region(height, width, generators, view.image)
-    is_global = torch.tensor([not step.regional for step in steps], device=view.image.device)[:, None, None, None]
-    return view.with_samples(
-        index, blend_in_region(selected, degraded, torch.where(is_global, torch.ones_like(regions), regions))
-    )
+    soft_regions = soft_region(height, width, generators, view.image)
+    is_regional = torch.tensor([step.regional for step in steps], device=view.image.device)[:, None, None, None]
+    region = torch.where(is_regional, soft_regions, torch.ones_like(soft_regions))
+    return view.with_samples(index, blend_in_region(selected, degraded, region))

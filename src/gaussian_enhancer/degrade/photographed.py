@@ -15,7 +15,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.depth_files import ReadDepth
 from gaussian_enhancer.scene.photos import read_header
 from gaussian_enhancer.scene.posed import ReadCoverage, ReadPhoto
-from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.types import Movable
 
 
@@ -87,12 +87,10 @@ def read_held_out(rendered: RenderedSet, name: str | None = None) -> SimulatorIn
     Raises:
         InputError: there is no such view, or it has no photo.
     """
-    views = {view.name: view for view in rendered.targets}
     target = next((v for v in rendered.targets if name in (None, v.name, Path(v.name).stem)), None)
     if target is None:
-        raise InputError(
-            "view", f"is {name!r}, which {rendered.name} does not hold out", f"choose {_format_names(views)}"
-        )
+        names = _format_names([view.name for view in rendered.targets])
+        raise InputError("view", f"is {name!r}, which {rendered.name} does not hold out", f"choose {names}")
     if target.read is None or target.read_photo is None:
         raise InputError(f"{rendered.name}, {target.name}", "has no photo beside its render", "name a run that kept gt")
     depth, alpha = (None if read is None else read() for read in (target.read_depth, target.read_alpha))
@@ -118,6 +116,6 @@ def _view(photo: Tensor, depth: Tensor | None, alpha: Tensor | None) -> View:
     return View(photo[None], *(None if plane is None else plane[None] for plane in (depth, alpha)))
 
 
-def _format_names(views: Mapping[str, RenderedView], most: int = 8) -> str:
-    names = list(views)
-    return ", ".join(names[:most]) + (f" or another of {len(names)}" if len(names) > most else "")
+def _format_names(names: Sequence[str], limit: int = 8) -> str:
+    """The first names, up to a limit, for an error message."""
+    return ", ".join(names[:limit]) + (f" or another of {len(names)}" if len(names) > limit else "")

@@ -77,9 +77,11 @@ def test_equals_loops_over_pixels(profile, power, monkeypatch):
     assert (drawn.image - view.image).abs().amax() > 0.2
 
 
-def test_an_extent_cuts_splats_off():
+def test_an_extent_cuts_splats_off(monkeypatch):
     view, splats = some_view(), some_splats()
-    near, far = composite(view, splats, extent=1.0), composite(view, splats)
+    far = composite(view, splats)
+    monkeypatch.setattr(module, "EXTENT", 1.0)
+    near = composite(view, splats)
     torch.testing.assert_close(near.image, reference(view, splats, 2, extent=1.0).image)
     assert not torch.allclose(near.image, far.image)
 
@@ -158,12 +160,13 @@ def test_a_batch_is_its_samples_and_single_precision_its_double():
 
 
 @pytest.mark.parametrize("profile", ["gaussian", "disk"])
-def test_gradients(profile):
+def test_gradients(profile, monkeypatch):
     view, splats = some_view(4, 5, batch=1), some_splats(4, 5, batch=1, count=3)
     fixed = view.depth
+    monkeypatch.setattr(module, "EXTENT", 6.0)
 
     def picture(image, *parts):
-        drawn = composite(View(image, fixed, view.alpha), SplatLayer(*parts, splats.depth), profile, extent=6.0)
+        drawn = composite(View(image, fixed, view.alpha), SplatLayer(*parts, splats.depth), profile)
         return drawn.image, drawn.depth, drawn.alpha
 
     inputs = (view.image, splats.centre, splats.log_sigma, splats.angle, splats.opacity, splats.colour)

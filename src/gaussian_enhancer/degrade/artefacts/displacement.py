@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.degrade.artefacts.fields import smooth_field
@@ -75,15 +75,10 @@ def displacement(view: View, strength: Float[Tensor, " b"], generators: Sequence
     offset = random_offset(strength, generators, view.image)
     moved = (offset != 0).any(dim=1, keepdim=True)
 
-    def read(plane: Tensor | None, mode: str = "bilinear") -> Tensor | None:
-        return None if plane is None else _select_moved(moved, displace(plane, offset, mode), plane)
+    def displaced(plane: Tensor, mode: str = "bilinear") -> Tensor:
+        # Sampling with offset 0 has rounding errors: pixels that do not move are copied instead.
+        return torch.where(moved, displace(plane, offset, mode), plane)
 
-    image = _select_moved(moved, displace(view.image, offset), view.image)
-    return View(image, read(view.depth, "nearest"), read(view.alpha))
-
-
-def _select_moved(
-    moved: Bool[Tensor, "b 1 h w"], after: Float[Tensor, "b c h w"], before: Float[Tensor, "b c h w"]
-) -> Float[Tensor, "b c h w"]:
-    # Sampling with offset 0 has rounding errors: pixels that do not move are copied instead.
-    return torch.where(moved, after, before)
+    depth = None if view.depth is None else displaced(view.depth, "nearest")
+    alpha = None if view.alpha is None else displaced(view.alpha)
+    return View(displaced(view.image), depth, alpha)

@@ -20,7 +20,7 @@ Profile = Literal["gaussian", "disk"]
 
 POWERS: dict[Profile, int] = {"gaussian": 2, "disk": 8}
 EXTENT = math.sqrt(2 * math.log(255))
-"""Distance in sigmas at which a Gaussian falls below 1/255; rasterisers draw nothing beyond it."""
+"""Distance in sigmas at which a Gaussian is 1/255 and is cut off, as by rasterisers; a disk is cut off at 1/255 too."""
 
 SOFTNESS = 0.02
 """Distance in front of a surface, relative to its depth, from which a splat is drawn with full opacity."""
@@ -54,13 +54,12 @@ class SplatLayer(Movable):
 
     def select(self, index: Int64[Tensor, "b n"]) -> "SplatLayer":
         """Select splats of each sample by index, in the order of the index."""
-        pairs = index[..., None].expand(-1, -1, 2)
         return SplatLayer(
-            self.centre.gather(1, pairs),
-            self.log_sigma.gather(1, pairs),
+            self.centre.take_along_dim(index[..., None], 1),
+            self.log_sigma.take_along_dim(index[..., None], 1),
             self.angle.gather(1, index),
             self.opacity.gather(1, index),
-            self.colour.gather(1, index[..., None].expand(-1, -1, 3)),
+            self.colour.take_along_dim(index[..., None], 1),
             self.depth.gather(1, index),
         )
 
@@ -84,50 +83,47 @@ def falloff(
     return torch.exp(-0.5 * squared_distance)
 
 
-def composite(view: View, splats: SplatLayer, profile: Profile = "gaussian", extent: float = EXTENT) -> View:
+def composite(view: View, splats: SplatLayer, profile: Profile = "gaussian") -> View:
     """Draw splats over a view, front to back.
 
     alpha_k = opacity_k g_k s_k, with g_k the `falloff` and s_k = clamp((1 - depth_k / depth) / SOFTNESS, 0, 1) the
     share of the splat that lies in front of the view's surface; s_k = 1 where the view has no depth. With weights
     w_k = alpha_k prod_{l nearer} (1 - alpha_l), their sum W, and T = prod (1 - alpha_k):
     image' = sum w_k colour_k + T image; alpha' = alpha + (1 - alpha) W; depth' is the expected depth, in which a splat
-    has the weight w_k and the surface T alpha. A pixel without depth takes the splats' depth where W > HIT. Splats of
-    opacity 0 change no value.
+    has the weight w_k and the surface T alpha. A pixel without depth takes the splats' depth where W > `MIN_WEIGHT`.
+    Splats of opacity 0 change no value.
 
     Args:
         view: the view to draw over.
         splats: the splats, in any order.
         profile: opacity profile of all splats.
-        extent: distance in sigmas at which a Gaussian is cut off; a disk is cut off at the same share of its opacity.
     """
     height, width = view.image.shape[-2:]
     splats = splats.select(splats.depth.argsort(dim=1, stable=True))
     rows = max(1, STRIP // (len(view) * max(1, splats.depth.shape[1]) * width))
-    strips = [
-        _composite_rows(view, splats, top, min(top + rows, height), profile, extent) for top in range(0, height, rows)
-    ]
+    strips = [_composite_rows(view, splats, top, min(top + rows, height), profile) for top in range(0, height, rows)]
 
-    def joined(name: Literal["image", "depth", "alpha"]) -> Tensor:
+    def join(name: Literal["image", "depth", "alpha"]) -> Tensor:
         return torch.cat([getattr(strip, name) for strip in strips], dim=2)
 
     return View(
-        joined("image"),
-        None if view.depth is None else joined("depth"),
-        None if view.alpha is None else joined("alpha"),
+        join("image"),
+        None if view.depth is None else join("depth"),
+        None if view.alpha is None else join("alpha"),
     )
 
 
-def _composite_rows(view: View, splats: SplatLayer, top: int, bottom: int, profile: Profile, extent: float) -> View:
+def _composite_rows(view: View, splats: SplatLayer, top: int, bottom: int, profile: Profile) -> View:
     """Draw sorted splats over the rows of a view from ``top`` to ``bottom``, the latter excluded."""
     depth, alpha = (None if plane is None else plane[:, :, top:bottom] for plane in (view.depth, view.alpha))
     strip = View(view.image[:, :, top:bottom], depth, alpha)
-    splats = splats.select(_overlapping(splats, top, bottom, extent ** (2 / POWERS[profile])))
+    splats = splats.select(_overlapping(splats, top, bottom, EXTENT ** (2 / POWERS[profile])))
     if splats.depth.shape[1] == 0:
         return strip
     image = view.image
     y = torch.arange(top, bottom, device=image.device, dtype=image.dtype) + 0.5
     x = torch.arange(image.shape[3], device=image.device, dtype=image.dtype) + 0.5
-    profiles = F.threshold(falloff(splats, y, x, profile), math.exp(-0.5 * extent**2), 0.0)
+    profiles = F.threshold(falloff(splats, y, x, profile), math.exp(-0.5 * EXTENT**2), 0.0)
     alphas = splats.opacity[..., None, None] * profiles
     if depth is not None:
         inverse = 1 / torch.where(usable_depth(depth), depth, torch.inf)
@@ -166,16 +162,26 @@ def _composite(view: View, splats: SplatLayer, alphas: Float[Tensor, "b k h w"])
 
 
 def _expected_depth(
-    view: View, far: Float[Tensor, "b 1 h w"], weight: Float[Tensor, "b 1 h w"], through: Float[Tensor, "b 1 h w"]
+    view: View,
+    weighted_depth: Float[Tensor, "b 1 h w"],
+    weight: Float[Tensor, "b 1 h w"],
+    transmittance: Float[Tensor, "b 1 h w"],
 ) -> Float[Tensor, "b 1 h w"] | None:
-    """Expected depth, computed as a change of the view's depth, so that it is exactly unchanged for zero weight."""
+    """Expected depth, computed as a change of the view's depth, so that it is exactly unchanged for zero weight.
+
+    Args:
+        view: the view under the splats.
+        weighted_depth: sum of the splats' depths, weighted by w_k of `composite`.
+        weight: sum W of these weights.
+        transmittance: T of `composite`.
+    """
     if view.depth is None:
         return None
     known_depth = usable_depth(view.depth)
     surface_depth = torch.where(known_depth, view.depth, 0)
     surface_alpha = known_depth.to(surface_depth.dtype) if view.alpha is None else view.alpha * known_depth
-    total = (weight + through * surface_alpha).clamp_min(1e-12)
-    mean_depth = surface_depth + (far - surface_depth * weight) / total
+    total = (weight + transmittance * surface_alpha).clamp_min(1e-12)
+    mean_depth = surface_depth + (weighted_depth - surface_depth * weight) / total
     return torch.where(known_depth | (weight > MIN_WEIGHT), mean_depth, view.depth)
 
 

@@ -56,16 +56,13 @@ class View(Movable):
         return View(self.image[index], depth, alpha)
 
     def with_samples(self, index: Int64[Tensor, " n"], samples: "View") -> "View":
-        """Return a copy of the batch in which the indexed samples are replaced by others."""
+        """Replace the indexed samples of the batch. Depth or opacity stays as it is where the new samples have none."""
 
-        def placed(plane: Tensor | None, other: Tensor | None) -> Tensor | None:
-            return None if plane is None or other is None else plane.index_copy(0, index, other.to(plane.dtype))
+        def replaced(plane: Tensor | None, new: Tensor | None) -> Tensor | None:
+            return plane if plane is None or new is None else plane.index_copy(0, index, new.to(plane.dtype))
 
-        return View(
-            self.image.index_copy(0, index, samples.image.to(self.image.dtype)),
-            placed(self.depth, samples.depth),
-            placed(self.alpha, samples.alpha),
-        )
+        image = self.image.index_copy(0, index, samples.image.to(self.image.dtype))
+        return View(image, replaced(self.depth, samples.depth), replaced(self.alpha, samples.alpha))
 
 
 @runtime_checkable

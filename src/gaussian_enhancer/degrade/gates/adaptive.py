@@ -56,6 +56,10 @@ direction. A capture with enough photos should be calibrated on held-out photos,
 """
 
 
+REGIONAL = 0.5
+"""Default probability that a chosen type acts only within a soft region, also in the calibration."""
+
+
 @dataclass(frozen=True)
 class AdaptiveGate:
     """Gate in which each type has its own probability and its own largest strength.
@@ -72,7 +76,7 @@ class AdaptiveGate:
 
     chances: Mapping[str, float]
     limits: Mapping[str, float] = field(default_factory=dict)
-    regional: float = 0.5
+    regional: float = REGIONAL
     types: Mapping[str, bool] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -90,9 +94,9 @@ class AdaptiveGate:
         """Draw the steps of one sample, in random order."""
         enabled = enabled_types(self.types)
         return tuple(
-            ArtefactStep(entry.type, entry.strength * self.limits.get(entry.type, 1.0), entry.place < self.regional)
+            ArtefactStep(entry.type, entry.strength * self.limits.get(entry.type, 1.0), entry.region < self.regional)
             for entry in draw_type_numbers(generator)
-            if entry.type in enabled and entry.lot < self.chances.get(entry.type, 0.0)
+            if entry.type in enabled and entry.selection < self.chances.get(entry.type, 0.0)
         )
 
     @property
@@ -209,12 +213,11 @@ def calibrate_gate(
     *,
     types: Mapping[str, bool] | None = None,
     held_out: Mapping[str, Growth] = HELD_OUT_GROWTH,
-    regional: float = 0.5,
     draws: int = 2,
 ) -> AdaptiveGate:
     """Find the gate whose simulated error energies equal those that a fingerprint implies for held-out views.
 
-    Let e be the wanted energies, and A_t the mean energies of type t at strengths uniform in (0, 1]. Non-negative least
+    Let e be the target energies, and A_t the mean energies of type t at strengths uniform in (0, 1]. Non-negative least
     squares finds the weights w >= 0 that minimise the relative error |(sum_t w_t A_t - e) / e|; for energies below a
     tenth of the largest one, the error is relative to that tenth. Type t then gets the probability p = min(1, sqrt(w)),
     and the limit at which its mean response is w / p of A_t. As the limit changes not only the size of a response but
@@ -227,7 +230,6 @@ def calibrate_gate(
         generator: source of randomness, on the CPU.
         types: switches by type; a type that is not named is on.
         held_out: growth of each energy from training to held-out views; none for energies that are not named.
-        regional: share of steps that act only within a soft region.
         draws: number of draws of each type on each photo.
 
     Raises:
@@ -238,11 +240,10 @@ def calibrate_gate(
         raise InputError(f"held_out.{unknown[0]}", "is no energy", f"choose among {', '.join(ENERGIES)}")
     enabled = enabled_types(types or {})
     factor, power = torch.tensor([held_out.get(name, Growth(1.0)) for name in ENERGIES], dtype=torch.float64).T
-    measured = measure_responses(photos, enabled, generator, regional=regional, draws=draws)
-    chances, limits = solve_gate(measured, factor * fingerprint.energies() ** power)
+    responses = measure_responses(photos, enabled, generator, regional=REGIONAL, draws=draws)
+    chances, limits = solve_gate(responses, factor * fingerprint.energies() ** power)
     return AdaptiveGate(
         dict(zip(enabled, chances.tolist(), strict=True)),
         dict(zip(enabled, limits.tolist(), strict=True)),
-        regional,
-        types or {},
+        types=types or {},
     )

@@ -104,31 +104,31 @@ def _response(photo: Float[Tensor, "3 h w"], name: str, regional: bool, seed: in
     return torch.stack([error_energies(image, photo) for image in quantise_8_bit(degraded)])
 
 
-def solve_gate(measured: Responses, wanted: Float[Tensor, " e"]) -> tuple[Float[Tensor, " t"], Float[Tensor, " t"]]:
+def solve_gate(responses: Responses, target: Float[Tensor, " e"]) -> tuple[Float[Tensor, " t"], Float[Tensor, " t"]]:
     """Probabilities and limits of the types; see `gaussian_enhancer.degrade.gates.adaptive.calibrate_gate`.
 
     Args:
-        measured: responses of the types.
-        wanted: target energies.
+        responses: responses of the types.
+        target: energies that the gate's samples have on average.
     """
-    scale = wanted.clamp_min(max(ROUNDING, MIN_RELATIVE_ENERGY * float(wanted.max())))
-    limits = torch.ones(len(measured.types), dtype=torch.float64)
-    full_response = (measured.mean_below(limits) / scale).sum(1).clamp_min(1e-300)
+    scale = target.clamp_min(max(ROUNDING, MIN_RELATIVE_ENERGY * float(target.max())))
+    limits = torch.ones(len(responses.types), dtype=torch.float64)
+    full_response = (responses.mean_below(limits) / scale).sum(1).clamp_min(1e-300)
     for _ in range(4):
-        limited = measured.mean_below(limits)
-        weights = solve_weights(limited / scale, wanted / scale)
-        share = weights * (limited / scale).sum(1) / full_response
+        limited = responses.mean_below(limits) / scale
+        weights = solve_weights(limited, target / scale)
+        share = weights * limited.sum(1) / full_response
         chances = share.sqrt().clamp_max(1)
-        limits = _strength_limits(measured, scale, share / chances.clamp_min(1e-12))
-    return solve_weights(measured.mean_below(limits) / scale, wanted / scale).clamp_max(1), limits
+        limits = _strength_limits(responses, scale, share / chances.clamp_min(1e-12))
+    return solve_weights(responses.mean_below(limits) / scale, target / scale).clamp_max(1), limits
 
 
-def solve_weights(responses: Float[Tensor, "t e"], wanted: Float[Tensor, " e"]) -> Float[Tensor, " t"]:
+def solve_weights(responses: Float[Tensor, "t e"], target: Float[Tensor, " e"]) -> Float[Tensor, " t"]:
     """Non-negative least squares for the weights of the responses, with a small ridge on each contribution.
 
     Args:
         responses: energies of each type.
-        wanted: target of their weighted sum.
+        target: energies that their weighted sum approximates.
     """
     from scipy.optimize import nnls
 
@@ -136,20 +136,20 @@ def solve_weights(responses: Float[Tensor, "t e"], wanted: Float[Tensor, " e"]) 
     unit_responses = torch.where(norms[:, None] > 0, responses / norms.clamp_min(1e-300)[:, None], 0.0)
     ridge = torch.eye(len(norms), dtype=torch.float64) * RIDGE_WEIGHT**0.5
     matrix = torch.cat([unit_responses.T, ridge])
-    target = torch.cat([wanted, torch.zeros_like(norms)])
-    contributions = torch.from_numpy(nnls(matrix.numpy(), target.numpy())[0])
+    right_side = torch.cat([target, torch.zeros_like(norms)])
+    contributions = torch.from_numpy(nnls(matrix.numpy(), right_side.numpy())[0])
     return torch.where(norms > 0, contributions / norms.clamp_min(1e-300), 0.0)
 
 
 def _strength_limits(
-    measured: Responses, scale: Float[Tensor, " e"], share: Float[Tensor, " t"]
+    responses: Responses, scale: Float[Tensor, " e"], share: Float[Tensor, " t"]
 ) -> Float[Tensor, " t"]:
     """Limits at which the mean response is a given share of that at limit 1, by bisection."""
-    count = len(measured.types)
+    count = len(responses.types)
     low, high = torch.full((count,), 1e-3, dtype=torch.float64), torch.ones(count, dtype=torch.float64)
-    target = share * (measured.mean_below(high) / scale).sum(1)
+    target = share * (responses.mean_below(high) / scale).sum(1)
     for _ in range(30):
         middle = (low + high) / 2
-        is_below = (measured.mean_below(middle) / scale).sum(1) < target
+        is_below = (responses.mean_below(middle) / scale).sum(1) < target
         low, high = torch.where(is_below, middle, low), torch.where(is_below, high, middle)
     return high

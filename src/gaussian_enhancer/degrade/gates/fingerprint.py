@@ -102,7 +102,7 @@ def measure_fingerprint(
         if render.shape != photo.shape:
             received = f"has the shape {tuple(render.shape)} beside a photo of {tuple(photo.shape)}"
             raise InputError(f"render {index}", received, "bring both to the same size")
-    return mean_fingerprint([error_energies(render, photo) for render, photo in zip(renders, photos, strict=True)])
+    return _mean_fingerprint([error_energies(render, photo) for render, photo in zip(renders, photos, strict=True)])
 
 
 def fingerprint_of_training_views(rendered: RenderedSet) -> Fingerprint:
@@ -115,17 +115,17 @@ def fingerprint_of_training_views(rendered: RenderedSet) -> Fingerprint:
         InputError: no training view has both a render and a photo.
     """
     pairs = [(view.read, view.read_photo) for view in rendered.references]
-    measured = [error_energies(read(), photo()) for read, photo in pairs if read is not None and photo is not None]
-    if not measured:
+    energies = [error_energies(read(), photo()) for read, photo in pairs if read is not None and photo is not None]
+    if not energies:
         received = "has no training view with both a render and a photo"
         raise InputError(rendered.name, received, "render the run's training views as well")
-    return mean_fingerprint(measured)
+    return _mean_fingerprint(energies)
 
 
-def mean_fingerprint(measured: Sequence[Float[Tensor, "6"]]) -> Fingerprint:
+def _mean_fingerprint(energies: Sequence[Float[Tensor, "6"]]) -> Fingerprint:
     """The fingerprint with the mean energies of several views."""
-    mean = torch.stack(list(measured)).mean(0).tolist()
-    return Fingerprint(**dict(zip(ENERGIES, mean, strict=True)), views=len(measured))
+    mean = torch.stack(list(energies)).mean(0).tolist()
+    return Fingerprint(**dict(zip(ENERGIES, mean, strict=True)), views=len(energies))
 
 
 def error_energies(render: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> Float[Tensor, "6"]:
@@ -145,7 +145,7 @@ def error_energies(render: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]
     uncorrelated = detail - correlated
     needles, _ = split_by_direction(uncorrelated, 2 * DETAIL_SIGMA)
     bands, blobs = split_by_direction(smoothed - coarse, coarse_sigma / 2)
-    energy = (
+    energies = (
         correlated.square().mean(),
         uncorrelated.square().mean(),
         needles.mean(),
@@ -153,7 +153,7 @@ def error_energies(render: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]
         coarse.square().mean(),
         excess_over_median(blobs),
     )
-    return torch.stack(energy).double().cpu()
+    return torch.stack(energies).double().cpu()
 
 
 def smooth(image: Float[Tensor, "1 c h w"], sigma: float) -> Float[Tensor, "1 c h w"]:
@@ -173,23 +173,23 @@ def smooth(image: Float[Tensor, "1 c h w"], sigma: float) -> Float[Tensor, "1 c 
     return F.interpolate(image, (height, width), mode="bilinear", align_corners=False) if factor > 1 else image
 
 
-def project_onto_photo(detail: Float[Tensor, "1 3 h w"], own: Float[Tensor, "1 3 h w"]) -> Float[Tensor, "1 3 h w"]:
+def project_onto_photo(
+    error_detail: Float[Tensor, "1 3 h w"], photo_detail: Float[Tensor, "1 3 h w"]
+) -> Float[Tensor, "1 3 h w"]:
     """The part of an error's detail that is locally proportional to the photo's detail.
 
     <r, p> / <p, p> p, with inner products over channels and a Gaussian window of 6 times `DETAIL_SIGMA`. The window is
     wide enough for the chance correlation of noise to be small.
 
     Args:
-        detail: the error's detail r.
-        own: the photo's detail p.
+        error_detail: the error's detail r.
+        photo_detail: the photo's detail p.
     """
-    correlation = smooth((detail * own).sum(1, keepdim=True), 6 * DETAIL_SIGMA)
-    photo_energy = smooth(own.square().sum(1, keepdim=True), 6 * DETAIL_SIGMA)
+    correlation = smooth((error_detail * photo_detail).sum(1, keepdim=True), 6 * DETAIL_SIGMA)
+    photo_energy = smooth(photo_detail.square().sum(1, keepdim=True), 6 * DETAIL_SIGMA)
     # A uniform photo has no detail to lose: below this limit the projection would be onto rounding errors.
-    return (
-        torch.where(photo_energy > 1e-10, correlation / photo_energy.clamp_min(1e-10), torch.zeros_like(photo_energy))
-        * own
-    )
+    factor = correlation / photo_energy.clamp_min(1e-10)
+    return torch.where(photo_energy > 1e-10, factor, torch.zeros_like(factor)) * photo_detail
 
 
 def split_by_direction(

@@ -149,9 +149,9 @@ class RandomGate:
         """Draw the steps of one sample, in random order."""
         enabled = enabled_types(self.types)
         return tuple(
-            ArtefactStep(entry.type, entry.strength, entry.place < self.regional)
+            ArtefactStep(entry.type, entry.strength, entry.region < self.regional)
             for entry in draw_type_numbers(generator)
-            if entry.type in enabled and entry.lot < self.chances.get(entry.type, self.chance)
+            if entry.type in enabled and entry.selection < self.chances.get(entry.type, self.chance)
         )
 
 
@@ -160,15 +160,15 @@ class TypeDraw(NamedTuple):
 
     Args:
         type: one of `TYPES`.
-        lot: uniform in [0, 1); the type is chosen if its probability is larger.
+        selection: uniform in [0, 1); the type is chosen if its probability is larger.
         strength: uniform in (0, 1].
-        place: uniform in [0, 1); the type acts only within a region if the probability ``regional`` is larger.
+        region: uniform in [0, 1); the type acts only within a region if the probability ``regional`` is larger.
     """
 
     type: str
-    lot: float
+    selection: float
     strength: float
-    place: float
+    region: float
 
 
 def draw_type_numbers(generator: torch.Generator) -> tuple[TypeDraw, ...]:
@@ -178,8 +178,9 @@ def draw_type_numbers(generator: torch.Generator) -> tuple[TypeDraw, ...]:
     the numbers of the other types or their relative order.
     """
     seed = int(torch.randint(2**62, (), generator=generator))
-    draws = {}
+    draws = []
     for name in TYPES:
-        lot, strength, place, order = torch.rand(4, generator=named_generator(name, seed), dtype=torch.float64).tolist()
-        draws[name] = order, TypeDraw(name, lot, 1 - strength, place)
-    return tuple(entry for _, entry in sorted(draws.values()))
+        type_generator = named_generator(name, seed)
+        selection, strength, region, order = torch.rand(4, generator=type_generator, dtype=torch.float64).tolist()
+        draws.append((order, TypeDraw(name, selection, 1 - strength, region)))
+    return tuple(entry for _, entry in sorted(draws))

@@ -115,19 +115,12 @@ class FactorCombiner(nn.Module):
         height, width = manual.shape[-2:]
         padded = pad_to_cells(manual)
         output = self._half_resolution_output(torch.cat([padded, pad_to_cells(noise)], dim=1), factors)
-        local, residue = (
-            output[:, :SMOOTH_PLANES],
-            F.pixel_shuffle(output[:, SMOOTH_PLANES:], 2).to(manual.dtype).tanh(),
-        )
-        local = self._enlarged(local, 2) + self._enlarged(self.direct(factors.grid), CELL)
-        offset, contrast, tone = local.to(manual.dtype).tanh().split((2, OCTAVES, 3), dim=1)
+        residue = F.pixel_shuffle(output[:, SMOOTH_PLANES:], 2).to(manual.dtype).tanh()
+        smooth = _enlarge(output[:, :SMOOTH_PLANES], 2) + _enlarge(self.direct(factors.grid), CELL)
+        offset, contrast, tone = smooth.to(manual.dtype).tanh().split((2, OCTAVES, 3), dim=1)
         displaced = displace(padded, REACH * offset)
         contrasted = displaced + sum(contrast[:, k : k + 1] * octave for k, octave in enumerate(octaves(displaced)))
         return (contrasted + RESIDUE * (tone + residue))[..., :height, :width]
-
-    @staticmethod
-    def _enlarged(image: Tensor, factor: int) -> Tensor:
-        return F.interpolate(image, scale_factor=factor, mode="bilinear", align_corners=False)
 
     def _half_resolution_output(self, images: Float[Tensor, "b 4 h w"], factors: Factors) -> Float[Tensor, "b k i j"]:
         """The U-net's output at half resolution."""
@@ -139,9 +132,13 @@ class FactorCombiner(nn.Module):
                 skips.append(x)
                 x = self.shrink[level](x)
         for level in reversed(range(len(self.grow))):
-            x = F.interpolate(self.grow[level](x), scale_factor=2, mode="bilinear", align_corners=False)
+            x = _enlarge(self.grow[level](x), 2)
             x = _apply_blocks(self.up[level].children(), x + skips[level], factors)
         return self.head(F.relu(x))
+
+
+def _enlarge(image: Tensor, factor: int) -> Tensor:
+    return F.interpolate(image, scale_factor=factor, mode="bilinear", align_corners=False)
 
 
 def _apply_blocks(blocks: Iterable[nn.Module], x: Tensor, factors: Factors) -> Tensor:

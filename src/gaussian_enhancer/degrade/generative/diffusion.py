@@ -20,7 +20,7 @@ from gaussian_enhancer.degrade.generative.factors import Factors, convolution, l
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import single_precision
 
-LONG = 64
+MAX_AUTOCAST_STEPS = 64
 """Largest number of sampling steps for which half precision is accurate enough."""
 
 
@@ -108,7 +108,8 @@ class Sampler:
     ) -> Factors:
         """Sample a code from noise. From noise in half precision the code is float32, because rounding errors add up.
 
-        With more than `LONG` steps autocast is disabled, because a stiff schedule amplifies rounding errors too much.
+        With more than `MAX_AUTOCAST_STEPS` steps autocast is disabled, because a stiff schedule amplifies rounding
+        errors too much.
 
         Args:
             predict: predicts the clean code from a noisy one and its time.
@@ -123,7 +124,7 @@ class Sampler:
             if k > 0 and signals[k] == 1:
                 return z  # no noise is left: z is already the clean code
             time = torch.full((start.vector.shape[0],), float(times[k])).to(z.vector)
-            with torch.autocast(time.device.type, enabled=False) if self.steps > LONG else nullcontext():
+            with torch.autocast(time.device.type, enabled=False) if self.steps > MAX_AUTOCAST_STEPS else nullcontext():
                 clean = predict(z.to(start.vector.dtype), time)
             clean = Factors(clean.vector.to(z.vector.dtype), clean.grid.to(z.grid.dtype))
             z = clean if k == self.steps - 1 else self._step(z, clean, signals[k], signals[k + 1], generators)
@@ -143,21 +144,18 @@ class Sampler:
         """
         if next_signal == current_signal:
             return z
-        noise_now, noise_then = 1 - current_signal**2, 1 - next_signal**2
-        ratio = (current_signal / next_signal) ** 2
-        posterior_variance = max(0.0, noise_then / noise_now * (1 - ratio))
+        current_variance, next_variance = 1 - current_signal**2, 1 - next_signal**2
+        ratio = current_signal / next_signal
         if self.mean:
-            return z.linear_combination(
-                clean, (current_signal / next_signal) * noise_then / noise_now, next_signal * (1 - ratio) / noise_now
-            )
+            z_weight = ratio * next_variance / current_variance
+            return z.linear_combination(clean, z_weight, next_signal * (1 - ratio**2) / current_variance)
+        posterior_variance = max(0.0, next_variance / current_variance * (1 - ratio**2))
         added_variance = self.noise**2 * posterior_variance
-        z_weight = math.sqrt(max(0.0, noise_then - added_variance) / noise_now)
+        z_weight = math.sqrt(max(0.0, next_variance - added_variance) / current_variance)
         z = z.linear_combination(clean, z_weight, next_signal - z_weight * current_signal)
-        return (
-            z.linear_combination(white_noise(z, generators), 1.0, math.sqrt(added_variance))
-            if added_variance > 0
-            else z
-        )
+        if added_variance == 0:
+            return z
+        return z.linear_combination(white_noise(z, generators), 1.0, math.sqrt(added_variance))
 
 
 class Denoiser(nn.Module):

@@ -35,14 +35,13 @@ class Factors(Movable):
     grid: Float[Tensor, "b c i j"]
 
     def linear_combination(self, other: "Factors", weight: float | Tensor, other_weight: float | Tensor) -> "Factors":
-        """The sum mine * self + others * other; coefficients may be tensors of shape (b,), one for each sample."""
+        """The sum weight * self + other_weight * other; weights may be tensors of shape (b,), one for each sample."""
 
-        def scale(factor: float | Tensor, part: Tensor) -> float | Tensor:
-            return factor.view(-1, *[1] * (part.dim() - 1)) if isinstance(factor, Tensor) else factor
+        def scaled(factor: float | Tensor, code: Tensor) -> Tensor:
+            return code * (factor.view(-1, *[1] * (code.dim() - 1)) if isinstance(factor, Tensor) else factor)
 
-        vector = scale(weight, self.vector) * self.vector + scale(other_weight, other.vector) * other.vector
-        grid = scale(weight, self.grid) * self.grid + scale(other_weight, other.grid) * other.grid
-        return Factors(vector, grid)
+        vector = scaled(weight, self.vector) + scaled(other_weight, other.vector)
+        return Factors(vector, scaled(weight, self.grid) + scaled(other_weight, other.grid))
 
 
 def grid_size(height: int, width: int) -> tuple[int, int]:

@@ -45,13 +45,13 @@ def amplitudes(image: Float[Tensor, "b c h w"]) -> Float[Tensor, "b _ i j"]:
     return (F.avg_pool2d(energies, CELL) + FAINT).sqrt()
 
 
-def texture_difference(made: Float[Tensor, "b c h w"], real: Float[Tensor, "b c h w"]) -> Float[Tensor, ""]:
+def texture_difference(simulated: Float[Tensor, "b c h w"], real: Float[Tensor, "b c h w"]) -> Float[Tensor, ""]:
     """Mean absolute difference of amplitudes, which compares sharpness and direction of detail but not its position.
 
     The mean of several possible textures is blurred. It is the best in pixel-wise comparisons, but not in this one.
 
     Args:
-        made: simulated renders.
+        simulated: simulated renders.
         real: real renders of the same views.
     """
-    return (amplitudes(made.float()) - amplitudes(real.float())).abs().mean()
+    return (amplitudes(simulated.float()) - amplitudes(real.float())).abs().mean()
