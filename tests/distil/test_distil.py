@@ -168,7 +168,7 @@ def test_new_cameras_lie_between_and_around_the_training_cameras():
     for plain, moved in zip(way, aside, strict=True):
         assert torch.equal(plain.rotation, moved.rotation)
         assert 0 < float((plain.centre - moved.centre).norm()) <= 0.5 * 3**0.5 * 1.3 * unit
-    centres = torch.stack([camera.centre for camera in (*way, *new_cameras(cameras, 6, 0.0, number=1, rounds=2))])
+    centres = torch.stack([camera.centre for camera in (*way, *new_cameras(cameras, 6, 0.0, round_index=1, rounds=2))])
     assert float(torch.pdist(centres).min()) > 0.01  # no place twice
     again = new_cameras(cameras, 6, 0.5, rounds=2, seed=3)
     assert all(torch.equal(a.world_to_camera, b.world_to_camera) for a, b in zip(aside, again, strict=True))

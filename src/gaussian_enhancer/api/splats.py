@@ -73,7 +73,7 @@ def distil_splat(
     if task.makes_views:
         enhancer = enhancer_of_new_views(task, weights, enhancement_options, target_device)
         provenance += f", {file_digest(find_checkpoint(weights))}, {enhancement_options}"
-    distilled = improve_splat(task, enhancer, folder, progress=progress, made_of=provenance)
+    distilled = improve_splat(task, enhancer, folder, progress=progress, input_identity=provenance)
     export_splat(folder, capture, distilled)
     discard_checkpoint(folder)
     shutil.rmtree(folder / "rounds", ignore_errors=True)

@@ -105,7 +105,7 @@ def _train_step(cfg: DictConfig, job: Run, step: str, design: FactorDesign, data
     else:
         paired_model = load_model(job.folder / "paired.safetensors").model
         module = DiffusedModule(paired_model, loss, optimizer, build(cfg.sampler), scheduler, seed=cfg.seed + 1)
-    trainer = make_trainer(cfg, job, step, part=step, max_steps=steps)
+    trainer = make_trainer(cfg, job, step, name=step, max_steps=steps)
     checkpoint = job.folder / f"{step}.ckpt"
     with finish_wandb_run(trainer.loggers), raise_interrupt(trainer):
         trainer.fit(

@@ -44,7 +44,7 @@ def distil(
     *,
     checkpoint_seconds: float = 60.0,
     progress: bool = True,
-    made_of: str = "",
+    input_identity: str = "",
     stop_after: int | None = None,
 ) -> Gaussians:
     """Distil enhanced views into a splat. Where the folder has a checkpoint of the same run, the run is resumed.
@@ -61,14 +61,14 @@ def distil(
         settings: settings of the run.
         checkpoint_seconds: seconds between checkpoints.
         progress: whether to show progress bars.
-        made_of: identifies the splat, the weights and their options, for folders whose names do not identify them: a
-            checkpoint with another identity is refused.
+        input_identity: identifies the splat, the weights and their options, for folders whose names do not identify
+            them: a checkpoint with another identity is refused.
         stop_after: stop after this step with a checkpoint, as if the process were killed; for tests.
 
     Raises:
         InputError: a photo cannot be read, the checkpoint is of another run, or the disk cannot be written.
     """
-    run = _DistilState(capture.with_split(capture.train, ()), start, enhancer, folder, settings, made_of)
+    run = _DistilState(capture.with_split(capture.train, ()), start, enhancer, folder, settings, input_identity)
     last_step = settings.steps if stop_after is None else min(stop_after, settings.steps)
     last_saved = time.monotonic()
     while run.step < last_step:
@@ -104,19 +104,17 @@ class _DistilState:
     ) -> None:
         self.capture, self.enhancer, self.folder, self.settings = capture, enhancer, folder, settings
         self.input_identity = input_identity
-        self.initial_renderer = start
-        self.photos = TrainingPhotos(capture, self.initial_renderer.gaussians.means.device)
+        self.initial_renderer, self.device = start, start.gaussians.means.device
+        self.photos = TrainingPhotos(capture, self.device)
         self.views: EnhancedViews | None = None
-        self.smoothing = self.initial_renderer.gaussians.smoothing
+        self.smoothing = start.gaussians.smoothing
         self.step = 0
         checkpoint = load_checkpoint(folder, self._identity())
-        self.optimiser = self._optimiser(
-            self.initial_renderer.gaussians if checkpoint is None else Gaussians(**checkpoint["splat"])
-        )
+        self.optimiser = self._optimiser(start.gaussians if checkpoint is None else Gaussians(**checkpoint["splat"]))
         if checkpoint is not None:
-            device, saved_smoothing = self.initial_renderer.gaussians.means.device, checkpoint["splat"]["smoothing"]
-            self.optimiser.restore({name: value.to(device) for name, value in checkpoint["optimiser"].items()})
-            self.smoothing = None if saved_smoothing is None else saved_smoothing.to(device)
+            saved_smoothing = checkpoint["splat"]["smoothing"]
+            self.optimiser.restore({name: value.to(self.device) for name, value in checkpoint["optimiser"].items()})
+            self.smoothing = None if saved_smoothing is None else saved_smoothing.to(self.device)
             self.step = checkpoint["step"]
 
     def begin_round(self) -> Iterator[int]:
@@ -126,8 +124,14 @@ class _DistilState:
             return
         if self.enhancer is None:
             raise ValueError("enhanced views need an enhancer")
-        round_options = {"number": round_index, "rounds": settings.rounds, "seed": settings.seed}
-        cameras = new_cameras(self.photos.cameras, settings.views, settings.around, **round_options)
+        cameras = new_cameras(
+            self.photos.cameras,
+            settings.views,
+            settings.around,
+            round_index=round_index,
+            rounds=settings.rounds,
+            seed=settings.seed,
+        )
         self.views = EnhancedViews(self.folder / "rounds" / str(round_index + 1), cameras)
         renderer = dataclasses.replace(self.initial_renderer, gaussians=self.splat())
         yield from self.views.make(renderer, self.capture.train_photos, self.enhancer)
@@ -168,6 +172,7 @@ class _DistilState:
         return loss, colour.detach() - target.photo
 
     def _view_loss(self) -> tuple[Tensor, Tensor]:
+        """Loss on a random enhanced view, with the gradient scaled by weight and confidence."""
         if self.views is None:
             raise ValueError("a round begins before its first step")
         view_index = int(torch.randint(len(self.views), (), generator=self._generator(self.step, 3)))
@@ -180,21 +185,22 @@ class _DistilState:
         return loss, colour.detach() - image
 
     def _colour(self, camera: Camera) -> Float[Tensor, "3 h w"]:
+        renderer = self.initial_renderer
         gaussians = dataclasses.replace(self.optimiser.gaussians(), smoothing=self.smoothing)
-        render_options = self.initial_renderer.method, self.initial_renderer.background
-        return render(gaussians, camera, *render_options, near=self.initial_renderer.near).colour
+        return render(gaussians, camera, renderer.method, renderer.background, near=renderer.near).colour
 
     def _optimiser(self, gaussians: Gaussians) -> SplatOptimiser:
-        on_device = gaussians.to(self.initial_renderer.gaussians.means.device)
-        extent = camera_extent(self.photos.cameras)
-        return SplatOptimiser(on_device, self.settings.rates, extent, self.settings.steps, float(self.settings.fade))
+        settings, extent = self.settings, camera_extent(self.photos.cameras)
+        return SplatOptimiser(gaussians.to(self.device), settings.rates, extent, settings.steps, float(settings.fade))
 
     def _smooth(self) -> None:
+        """Update the size of the 3D filter."""
         if isinstance(self.initial_renderer.method, MipSplatting):
             means = self.optimiser.gaussians(0).means.detach()
             self.smoothing = filter_size(means, self.photos.cameras, near=self.initial_renderer.near)
 
     def _generator(self, number: int, purpose: int) -> torch.Generator:
+        """Generator that the seed, a number of a step or pass, and the purpose of its numbers determine."""
         return torch.Generator().manual_seed(((self.settings.seed * 1_000_003 + number) * 8 + purpose) % 2**63)
 
     def _identity(self) -> str:

@@ -13,7 +13,13 @@ from gaussian_enhancer.types import Camera
 
 
 def new_cameras(
-    cameras: Sequence[Camera], count: int, around: int | float, *, number: int = 0, rounds: int = 1, seed: int = 0
+    cameras: Sequence[Camera],
+    count: int,
+    max_displacement: int | float,
+    *,
+    round_index: int = 0,
+    rounds: int = 1,
+    seed: int = 0,
 ) -> tuple[Camera, ...]:
     """Cameras along a smooth path through the training cameras, each displaced at random.
 
@@ -23,19 +29,19 @@ def new_cameras(
     Args:
         cameras: training cameras, at least two; held-out cameras have no influence.
         count: number of new cameras.
-        around: largest displacement from the path along each world axis, in mean distances from a training camera to
-            its nearest neighbour.
-        number: index of the round, from 0.
+        max_displacement: largest displacement from the path along each world axis, in mean distances from a training
+            camera to its nearest neighbour.
+        round_index: index of the round, from 0.
         rounds: number of rounds.
         seed: seed of the random numbers.
     """
     path_settings = PathSettings(frames=max(2, rounds * count), cameras=None)
-    path = capture_path("interpolate", cameras, path_settings)[number::rounds][:count]
+    path = capture_path("interpolate", cameras, path_settings)[round_index::rounds][:count]
     centres = torch.stack([camera.centre for camera in cameras])
     distances = torch.cdist(centres, centres)
     spacing = float(distances.fill_diagonal_(torch.inf).amin(1).mean())
-    generator = torch.Generator().manual_seed((seed * 1_000_003 + number) % 2**63)
-    offsets = around * spacing * (2 * torch.rand(len(path), 3, generator=generator) - 1)
+    generator = torch.Generator().manual_seed((seed * 1_000_003 + round_index) % 2**63)
+    offsets = max_displacement * spacing * (2 * torch.rand(len(path), 3, generator=generator) - 1)
     return tuple(_moved_camera(camera, offset) for camera, offset in zip(path, offsets, strict=True))
 
 

@@ -94,31 +94,21 @@ def prune(renderer: SplatRenderer, photos: Sequence[Photo], settings: PruneSetti
     gain, agreement = _error_reductions(renderer, photos)
     gaussians = renderer.gaussians
     contradicted = (gain > 0) & (agreement >= settings.agreement)
-    behind, at_surface = _count_views_through(
+    behind, at_surface = _count_surface_views(
         replace(renderer, gaussians=gaussians[~contradicted]), gaussians.means, photos, settings.margin
     )
-    empty = (behind >= settings.views) & (behind >= settings.agreement * (behind + at_surface))
-    suspects = contradicted & empty
+    in_front = (behind >= settings.views) & (behind >= settings.agreement * (behind + at_surface))
+    suspects = contradicted & in_front
     psnr_before = _psnr(renderer, photos)
     order = torch.where(suspects, gain, -1.0).argsort(descending=True, stable=True)
     count = int(suspects.sum())
     counts = {max(1, round(share * count)) for share in SHARES} if count else set()
-    psnrs = {
-        removed_count: _psnr(_render_without(renderer, order[:removed_count]), photos)
-        for removed_count in sorted(counts)
-    }
+    kept_masks = {c: torch.ones_like(suspects).index_fill(0, order[:c], False) for c in sorted(counts)}
+    psnrs = {c: _psnr(replace(renderer, gaussians=gaussians[kept]), photos) for c, kept in kept_masks.items()}
     best_count = max(psnrs, key=psnrs.__getitem__, default=0)
-    kept_mask = torch.ones_like(suspects)
     if not best_count or psnrs[best_count] < psnr_before - settings.loss:
-        return PruneResult(kept_mask, count, psnr_before, psnr_before)
-    kept_mask[order[:best_count]] = False
-    return PruneResult(kept_mask, count, psnr_before, psnrs[best_count])
-
-
-def _render_without(renderer: SplatRenderer, index: Tensor) -> SplatRenderer:
-    kept_mask = torch.ones(len(renderer.gaussians), dtype=torch.bool, device=index.device)
-    kept_mask[index] = False
-    return replace(renderer, gaussians=renderer.gaussians[kept_mask])
+        return PruneResult(torch.ones_like(suspects), count, psnr_before, psnr_before)
+    return PruneResult(kept_masks[best_count], count, psnr_before, psnrs[best_count])
 
 
 def _error_reductions(
@@ -144,27 +134,26 @@ def _error_reductions(
     return first_order - second_order, first_order / absolute_first_order.clamp_min(1e-12)
 
 
-def _count_views_through(
-    renderer: SplatRenderer, places: Float[Tensor, "n 3"], photos: Sequence[Photo], margin: int | float
+def _count_surface_views(
+    renderer: SplatRenderer, positions: Float[Tensor, "n 3"], photos: Sequence[Photo], margin: int | float
 ) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
     """Number of views whose surface is behind each position, and number of views whose surface is at it."""
-    behind = torch.zeros(len(places))
-    at_surface = torch.zeros(len(places))
-    centres = places.cpu()
+    behind, at_surface = torch.zeros(len(positions)), torch.zeros(len(positions))
+    points = positions.cpu()
     for camera, _ in _photos_with_cameras(photos):
         surface = renderer(camera).surface[0]
-        depth, pixel, inside = _project(centres, camera, renderer.near)
+        depth, pixel, inside = _project(points, camera, renderer.near)
         surface_depth = torch.where(inside, surface.flatten()[pixel], 0.0)
         behind += (surface_depth > depth * (1 + margin)) & inside
         at_surface += (surface_depth > depth * (1 - margin)) & (surface_depth <= depth * (1 + margin)) & inside
-    return behind.to(places), at_surface.to(places)
+    return behind.to(positions), at_surface.to(positions)
 
 
 def _project(
-    places: Float[Tensor, "n 3"], camera: Camera, near: float
+    positions: Float[Tensor, "n 3"], camera: Camera, near: float
 ) -> tuple[Float[Tensor, " n"], Tensor, Bool[Tensor, " n"]]:
     """Depth of each position, index of its pixel, and whether it projects into the image."""
-    points = places @ camera.rotation.T.cpu() + camera.world_to_camera[:3, 3].cpu()
+    points = positions @ camera.rotation.T.cpu() + camera.world_to_camera[:3, 3].cpu()
     depth = points[:, 2]
     pixels = (points @ camera.K.T.cpu())[:, :2] / depth[:, None].clamp_min(near)
     x, y = pixels.nan_to_num(-1).clamp(-1, 2**20).floor().long().unbind(1)
@@ -173,9 +162,11 @@ def _project(
 
 
 def _psnr(renderer: SplatRenderer, photos: Sequence[Photo]) -> float:
-    errors = []
-    for camera, photo in _photos_with_cameras(photos):
-        errors.append(float((renderer(camera).colour.clamp(0, 1) - photo.read()).square().mean()))
+    """Mean PSNR of the photos' renders in dB."""
+    errors = [
+        float((renderer(camera).colour.clamp(0, 1) - photo.read()).square().mean())
+        for camera, photo in _photos_with_cameras(photos)
+    ]
     return float(-10 * torch.tensor(errors).clamp_min(1e-10).log10().mean())
 
 

@@ -4,6 +4,7 @@ import copy
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 
 import torch
@@ -81,10 +82,15 @@ def read_distil_task(cfg: DictConfig, device: torch.device) -> DistilTask:
     prune_settings: PruneSettings = build(cfg.evidence)
     capture = build(cfg.scene) if cfg.run is None and cfg.get("scene") else None
     splat, capture = find_splat_and_capture(cfg.run, cfg.gaussians, capture)
-    distil_settings = None if cfg.prune_only else settings
-    pruning = prune_settings if cfg.prune or cfg.prune_only else None
     return distil_task(
-        splat, capture, distil_settings, pruning, method=cfg.method, device=device, invalid=cfg.invalid, kind=cfg.format
+        splat,
+        capture,
+        None if cfg.prune_only else settings,
+        prune_settings if cfg.prune or cfg.prune_only else None,
+        method=cfg.method,
+        device=device,
+        invalid=cfg.invalid,
+        file_format=cfg.format,
     )
 
 
@@ -101,9 +107,16 @@ def read_enhancer(cfg: DictConfig, task: DistilTask, device: torch.device) -> Se
     """
     if not task.makes_views:
         return None
-    leading_options = (cfg.max_references, cfg.depth_kind, cfg.strength, cfg.colour_clamping)
     options = EnhancementOptions(
-        *leading_options, 0.0, cfg.precision, cfg.tile, "full", cfg.colour_completion, cfg.confidence
+        max_references=cfg.max_references,
+        depth_kind=cfg.depth_kind,
+        strength=cfg.strength,
+        colour_clamping=cfg.colour_clamping,
+        precision=cfg.precision,
+        tile=cfg.tile,
+        plan="full",
+        colour_completion=cfg.colour_completion,
+        confidence=cfg.confidence,
     )
     return enhancer_of_new_views(task, cfg.weights, options, device)
 
@@ -140,7 +153,7 @@ def distil_task(
     method: str,
     device: torch.device,
     invalid: str = "refuse",
-    kind: str = "ply",
+    file_format: str = "ply",
 ) -> DistilTask:
     """Read the splat and render it once, so that invalid input is refused before anything is written.
 
@@ -152,7 +165,7 @@ def distil_task(
         method: rendering method of the splat: "auto", "3dgs", "2dgs" or "mip_splatting".
         device: device on which it is rendered.
         invalid: treatment of Gaussians that are not finite: "refuse" or "drop".
-        kind: format of the result: "ply", "compressed" or "spz".
+        file_format: format of the result: "ply", "compressed" or "spz".
 
     Raises:
         InputError: the capture lacks photos or cameras, or the splat cannot be read, rendered or stored in the format.
@@ -162,8 +175,8 @@ def distil_task(
         received = f"has {len(training_cameras)} training photos with a camera of {len(capture.train)}"
         raise InputError(capture.name, received, "give a capture of at least two photos, all with cameras")
     renderer = open_renderer(splat, training_cameras, capture.background, method, device.type, invalid)
-    if kind != "ply":
-        check_format(kind, renderer.gaussians)
+    if file_format != "ply":
+        check_format(file_format, renderer.gaussians)
     renderer(training_cameras[0].resized(8, 8))
     return DistilTask(capture, splat, renderer, settings, pruning)
 
@@ -202,7 +215,7 @@ def improve_splat(
     folder: Path,
     *,
     progress: bool,
-    made_of: str = "",
+    input_identity: str = "",
     on_pruned: Callable[[PruneResult], None] | None = None,
 ) -> Gaussians:
     """Prune and distil by the task; where the folder has a checkpoint of the same run, the run is resumed.
@@ -212,7 +225,7 @@ def improve_splat(
         enhancer: enhancer of new views; None where none are made.
         folder: folder of the checkpoint and the enhanced views.
         progress: whether to show progress bars.
-        made_of: see `distil`.
+        input_identity: see `distil`.
         on_pruned: called with the result of pruning, before distilling starts.
 
     Raises:
@@ -226,7 +239,9 @@ def improve_splat(
         renderer = dataclasses.replace(renderer, gaussians=renderer.gaussians[pruned.kept])
     if task.settings is None:
         return renderer.gaussians
-    return distil(task.capture, renderer, enhancer, folder, task.settings, progress=progress, made_of=made_of)
+    return distil(
+        task.capture, renderer, enhancer, folder, task.settings, progress=progress, input_identity=input_identity
+    )
 
 
 def run_configuration(cfg: DictConfig, task: DistilTask) -> DictConfig:
@@ -258,9 +273,8 @@ def _capture_of_run(run: Path) -> tuple[Path, Scene]:
     names = [view.name for view in (*rendered.targets, *rendered.references)]
     has_equal_names = len(set(names)) < len(names)  # 3DGS numbers test and training renders from 0 each
     held_out = _photos(rendered.targets, "test_" if has_equal_names else "")
-    photos = sorted(
-        (*held_out, *_photos(rendered.references, "train_" if has_equal_names else "")), key=lambda one: one.name
-    )
+    training = _photos(rendered.references, "train_" if has_equal_names else "")
+    photos = sorted((*held_out, *training), key=attrgetter("name"))
     held_out_names = {photo.name for photo in held_out}
     train = tuple(index for index, photo in enumerate(photos) if photo.name not in held_out_names)
     test = tuple(index for index, photo in enumerate(photos) if photo.name in held_out_names)

@@ -69,8 +69,8 @@ class Augmentation:
         self,
         planes: UInt8[np.ndarray, "p s s"],
         generator: torch.Generator,
-        fixed: int = FIXED_PLANES,
-        each: int = PLANES_PER_REFERENCE,
+        fixed_planes: int = FIXED_PLANES,
+        planes_per_reference: int = PLANES_PER_REFERENCE,
     ) -> UInt8[np.ndarray, "q s s"]:
         """Keep a random number of references, in half of the cases the best-ranked, in the others a random selection.
 
@@ -79,20 +79,19 @@ class Augmentation:
         Args:
             planes: those of one crop.
             generator: source of randomness.
-            fixed: number of planes before those of the references.
-            each: number of planes per reference.
+            fixed_planes: number of planes before those of the references.
+            planes_per_reference: number of planes per reference.
         """
         if self.every_reference:
             return planes
-        count = (len(planes) - fixed) // each
+        references = planes[fixed_planes:].reshape(-1, planes_per_reference, *planes.shape[1:])
+        count = len(references)
         if count == 0 or float(torch.rand((), generator=generator)) < self.drop_all:
-            return planes[:fixed]
+            return planes[:fixed_planes]
         kept_count = 1 + _random_below(count, generator)
-        order = (
-            list(range(count)) if _random_below(2, generator) else torch.randperm(count, generator=generator).tolist()
-        )
-        kept_planes = [planes[fixed + each * i : fixed + each * (i + 1)] for i in order[:kept_count]]
-        return np.concatenate([planes[:fixed], *kept_planes])
+        by_rank = _random_below(2, generator)
+        order = list(range(count)) if by_rank else torch.randperm(count, generator=generator).tolist()
+        return np.concatenate([planes[:fixed_planes], *references[order[:kept_count]]])
 
     def relight(self, batch: Batch, generator: torch.Generator, start: int = 0, total_size: int | None = None) -> Batch:
         """Apply random gains to whole samples (light) and to their references (exposure).
@@ -107,10 +106,10 @@ class Augmentation:
         """
         views = batch.views
         size, count = views.references.shape[:2]
-        total_size, part = size if total_size is None else total_size, slice(start, start + size)
-        light = torch.exp(self.light * torch.randn(total_size, 3, 1, 1, generator=generator)[part])
-        reference_noise = torch.randn(total_size, count, 1, 1, 1, generator=generator)[part]
-        channel_noise = torch.randn(total_size, count, 3, 1, 1, generator=generator)[part]
+        total_size, rows = size if total_size is None else total_size, slice(start, start + size)
+        light = torch.exp(self.light * torch.randn(total_size, 3, 1, 1, generator=generator)[rows])
+        reference_noise = torch.randn(total_size, count, 1, 1, 1, generator=generator)[rows]
+        channel_noise = torch.randn(total_size, count, 3, 1, 1, generator=generator)[rows]
         exposure = torch.exp(self.exposure * (reference_noise + 0.5 * channel_noise))
 
         def lit(image: Tensor, gain: Tensor) -> Tensor:
@@ -118,7 +117,7 @@ class Augmentation:
 
         renders = views.reference_renders
         if renders is not None and self.overfit > 0:
-            share = self.overfit * torch.rand(total_size, 1, 1, 1, 1, generator=generator)[part]
+            share = self.overfit * torch.rand(total_size, 1, 1, 1, 1, generator=generator)[rows]
             renders = torch.lerp(renders, views.references, share)
         if renders is not None:
             is_dropped = float(torch.rand((), generator=generator)) < self.drop_renders

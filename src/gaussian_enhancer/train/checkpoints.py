@@ -23,8 +23,8 @@ class TrainingCheckpoint(ModelCheckpoint):
         self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int
     ) -> None:
         """Note that a checkpoint is due."""
-        ended = 0 <= trainer.max_steps <= trainer.global_step
-        self._due = not ended and trainer.global_step % self._every_n_train_steps == 0
+        is_last_step = 0 <= trainer.max_steps <= trainer.global_step
+        self._due = not is_last_step and trainer.global_step % self._every_n_train_steps == 0
 
     def on_train_batch_start(self, trainer: Trainer, pl_module: LightningModule, batch: Any, batch_idx: int) -> None:
         """Write the checkpoint that became due after the previous batch."""

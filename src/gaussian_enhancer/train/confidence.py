@@ -108,35 +108,37 @@ def _variants(aligned: AlignedReferences) -> list[AlignedReferences]:
 
 def _with_fewer(aligned: AlignedReferences) -> list[AlignedReferences]:
     """All references, and with three or more also all but the last, and all but the first."""
-    parts = [slice(None)] if len(aligned.names) < 3 else [slice(None), slice(None, -1), slice(1, None)]
+    selections = [slice(None)] if len(aligned.names) < 3 else [slice(None), slice(None, -1), slice(1, None)]
     return [
         replace(
             aligned,
-            references=aligned.references[part],
-            visibility=aligned.visibility[part],
-            names=aligned.names[part],
-            renders=None if aligned.renders is None else aligned.renders[part],
+            references=aligned.references[selection],
+            visibility=aligned.visibility[selection],
+            names=aligned.names[selection],
+            renders=None if aligned.renders is None else aligned.renders[selection],
         )
-        for part in parts
+        for selection in selections
     ]
 
 
 def _measure_blocks(
-    enhancer: SetEnhancer, target: LoadedView, aligned: AlignedReferences, wanted: Float[Tensor, "3 h w"]
+    enhancer: SetEnhancer, target: LoadedView, aligned: AlignedReferences, ideal_change: Float[Tensor, "3 h w"]
 ) -> ViewBlocks:
+    """Blocks of one view, enhanced with these references; the ideal change is photo - render."""
     views = build_network_input(target, aligned)
     enhanced = enhancer.enhance(views, aligned.names)
     change = enhanced[0] - target.image
-    error = float(wanted.square().mean().clamp_min(MIN_ERROR))
-    block_error = _mean_product(wanted, wanted).clamp_min(MIN_BLOCK_ERROR)
+    error = float(ideal_change.square().mean().clamp_min(MIN_ERROR))
+    block_error = _mean_product(ideal_change, ideal_change).clamp_min(MIN_BLOCK_ERROR)
     features = block_features(enhanced, views)[0].flatten(1).T.contiguous()
     bands = [band[0] for band in split_change(change[None])]
     squared = torch.stack([_mean_product(first, second) for first in bands for second in bands], dim=1)
-    helpful = torch.stack([_mean_product(band, wanted) for band in bands], dim=1)
+    helpful = torch.stack([_mean_product(band, ideal_change) for band in bands], dim=1)
     return ViewBlocks(features, squared.unflatten(1, (BANDS, BANDS)) / error, helpful / error, block_error / error)
 
 
 def _mean_product(first: Float[Tensor, "3 h w"], second: Float[Tensor, "3 h w"]) -> Float[Tensor, " n"]:
+    """Mean over the pixels and channels of each block of the product of two images."""
     return F.avg_pool2d((first * second).mean(0)[None, None], BLOCK, ceil_mode=True).flatten()
 
 
@@ -159,18 +161,12 @@ def train_confidence(
         hidden: width of the hidden layers.
         steps: steps of the optimiser.
         harm: extra weight of added error: error added to a block counts 1 + ``harm`` times, error removed once.
-        block_harm: weight of each dB that a block loses (`JudgedView.lost_decibels`), relative to the view's mean
+        block_harm: weight of each dB that a block loses (`ViewBlocks.lost_decibels`), relative to the view's mean
             squared error.
         seed: seed of initial weights, batches and noise.
     """
     views = [view for fit in fits for view in fit]
-    weights = torch.cat(
-        [
-            torch.full_like(judged_view.error, 1 / (len(judged_view.error) * len(fit)))
-            for fit in fits
-            for judged_view in fit
-        ]
-    )
+    weights = torch.cat([torch.full_like(view.error, 1 / (len(view.error) * len(fit))) for fit in fits for view in fit])
     weights = weights / weights.mean()
     blocks = ViewBlocks(*(torch.cat([getattr(view, field.name) for view in views]) for field in fields(ViewBlocks)))
     generator = torch.Generator().manual_seed(seed)

@@ -93,9 +93,7 @@ class RunsData(LightningDataModule):
         """Random crops, different in every epoch. They depend on the seed only, even if training is resumed."""
         crops = Crops([sample for source in self.sources for sample in source], self.augmentation)
         held_out_counts = [sum(sample.held_out for sample in source) for source in self.sources]
-        training_view_counts = [
-            len(source) - count for source, count in zip(self.sources, held_out_counts, strict=True)
-        ]
+        training_view_counts = [sum(not sample.held_out for sample in source) for source in self.sources]
         simulated = never_simulated if self.simulation is None else self.simulation.is_simulated
         batch_size, workers = self.loading.batch_size, 0 if current_process().daemon else self.loading.workers
         count = batch_size * self.steps_per_epoch
@@ -137,6 +135,7 @@ class RunsData(LightningDataModule):
         return (0, 1) if self.trainer is None else (self.trainer.global_rank, self.trainer.world_size)
 
     def _collect(self) -> None:
+        """Prepare the samples of all runs, and remove those that are not finite."""
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
         runs = {side: [find_runs(pattern) for pattern in patterns] for side, patterns in self.patterns.items()}

@@ -103,14 +103,14 @@ class PairedModule(_GeneratorModule):
         output = self.model.combine(manual, noisy_factors, generators).float()
         self._update_scale(factors)
         with torch.autocast(self.device.type, enabled=False):
-            parts = {
+            terms = {
                 "pixels": (output - real).abs().mean(),
                 "texture": texture_difference(output, real),
                 "size": _mean_square(factors),
             }
-        self._log_values(parts, batch)
-        loss = self.loss
-        return loss.pixels * parts["pixels"] + loss.texture * parts["texture"] + loss.size * parts["size"]
+        self._log_values(terms, batch)
+        weights = self.loss
+        return weights.pixels * terms["pixels"] + weights.texture * terms["texture"] + weights.size * terms["size"]
 
     def validation_step(self, batch: Batch, index: int) -> None:
         """Log how much closer L is to R than M is: gain in PSNR, and remaining share of the texture difference."""
@@ -122,11 +122,11 @@ class PairedModule(_GeneratorModule):
     @torch.no_grad()
     def _update_scale(self, factors: Factors) -> None:
         """Update the running root mean square of codes with noise, by which the denoiser's codes are scaled."""
-        for buffer, part, dims in (
+        for buffer, code, dims in (
             (self.model.vector_scale, factors.vector, (0,)),
             (self.model.grid_scale, factors.grid, (0, 2, 3)),
         ):
-            rms = (part.float().square().mean(dims) + self.loss.noise**2).sqrt().view_as(buffer)
+            rms = (code.float().square().mean(dims) + self.loss.noise**2).sqrt().view_as(buffer)
             buffer.lerp_(rms, 0.01)
 
 
@@ -156,14 +156,14 @@ class DiffusedModule(_GeneratorModule):
         seed: int = 0,
     ) -> None:
         super().__init__(model, loss, optimizer, lr_scheduler, seed)
-        self.model.requires_grad_(False)
-        self.model.denoiser.requires_grad_(True)
+        model.requires_grad_(False)
+        model.denoiser.requires_grad_(True)
         self.sampler = sampler
 
     def training_step(self, batch: Batch, index: int) -> Tensor:
         """Loss of a batch of crops."""
         manual, real, _ = self.prepare_batch(batch, self.global_step)
-        denoising = self._denoising_loss(manual, real, self.model)
+        denoising = self._denoising_loss(manual, real)
         self._log_values({"denoising": denoising}, batch)
         return denoising
 
@@ -172,14 +172,15 @@ class DiffusedModule(_GeneratorModule):
         manual, real, generators = self.prepare_batch(batch, index)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(index)
-            self.log("left/denoising", self._denoising_loss(manual, real, self.model), batch_size=1)
+            self.log("left/denoising", self._denoising_loss(manual, real), batch_size=1)
         sampled = self.model.sample(manual, self.sampler, generators)
         output = self.model.combine(manual, sampled, generators).float().clamp(0, 1)
         self.log("gain/diffused", _psnr_gain(manual, output, real), prog_bar=True, batch_size=1)
         self.log("texture/diffused", _texture_ratio(manual, output, real), prog_bar=True, batch_size=1)
 
-    def _denoising_loss(self, manual: Tensor, real: Tensor, model: FactorModel) -> Tensor:
+    def _denoising_loss(self, manual: Tensor, real: Tensor) -> Tensor:
         """Mean squared error of the predicted clean code at a random time, on standardised codes."""
+        model = self.model
         with torch.no_grad():
             factors = model.extractor(manual, real)
             factors = Factors(factors.vector.float(), factors.grid.float())
@@ -197,13 +198,15 @@ def _white_noise(like: Factors) -> Factors:
 
 
 def _mean_square(factors: Factors) -> Tensor:
-    parts = [part.float().square().mean() for part in (factors.vector, factors.grid) if part.numel() > 0]
-    return torch.stack(parts).mean()
+    means = [code.float().square().mean() for code in (factors.vector, factors.grid) if code.numel() > 0]
+    return torch.stack(means).mean()
 
 
-def _psnr_gain(manual: Tensor, made: Tensor, real: Tensor) -> Tensor:
-    return 10 * torch.log10((F.mse_loss(manual, real) + 1e-8) / (F.mse_loss(made, real) + 1e-8))
+def _psnr_gain(manual: Tensor, output: Tensor, real: Tensor) -> Tensor:
+    """How much higher the output's PSNR to R is than that of M, in dB."""
+    return 10 * torch.log10((F.mse_loss(manual, real) + 1e-8) / (F.mse_loss(output, real) + 1e-8))
 
 
-def _texture_ratio(manual: Tensor, made: Tensor, real: Tensor) -> Tensor:
-    return texture_difference(made, real) / texture_difference(manual, real).clamp_min(1e-6)
+def _texture_ratio(manual: Tensor, output: Tensor, real: Tensor) -> Tensor:
+    """Texture difference of the output to R as a share of that of M."""
+    return texture_difference(output, real) / texture_difference(manual, real).clamp_min(1e-6)

@@ -3,7 +3,7 @@
 Every choice of ``conf/logger`` has the CSV logger: reports are made from its ``metrics.csv``.
 """
 
-import csv as tables
+import csv
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -34,7 +34,7 @@ def make_loggers(node: DictConfig) -> list[Logger]:
     nodes = (
         {"logger": node} if "_target_" in node else {f"logger.{name!s}": entry for name, entry in node.items() if entry}
     )
-    return [_make(str(name), entry) for name, entry in nodes.items()]
+    return [_make(name, entry) for name, entry in nodes.items()]
 
 
 def _make(name: str, node: DictConfig) -> Logger:
@@ -113,12 +113,12 @@ class _ResumableWriter(ExperimentWriter):
             self._write(self.metrics_keys, [*(self._complete_rows()[1] if exists else ()), *self.metrics])
         else:
             with open(self.metrics_file_path, "a", newline="") as file:
-                tables.DictWriter(file, self.metrics_keys).writerows(self.metrics)
+                csv.DictWriter(file, self.metrics_keys).writerows(self.metrics)
         self.metrics = []
 
     def _write(self, names: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
         with atomic_write(self.metrics_file_path) as path, path.open("w", newline="") as file:
-            writer = tables.DictWriter(file, names)
+            writer = csv.DictWriter(file, names)
             writer.writeheader()
             writer.writerows(rows)
 
@@ -126,7 +126,7 @@ class _ResumableWriter(ExperimentWriter):
         """Columns and rows of the file, without a truncated last row."""
         with open(self.metrics_file_path, newline="") as file:
             lines = [line for line in file if line.endswith("\n")]
-        reader = tables.DictReader(lines)
+        reader = csv.DictReader(lines)
         return list(reader.fieldnames or ()), list(reader)
 
 
@@ -140,7 +140,7 @@ def finish_wandb_run(loggers: Sequence[Logger]) -> Iterator[None]:
     finally:
         for logger in loggers:
             if isinstance(logger, WandbLogger):
-                import wandb as client
+                import wandb
 
-                if client.run is not None and client.run.id == logger.version:
-                    client.finish(exit_code=int(failed))
+                if wandb.run is not None and wandb.run.id == logger.version:
+                    wandb.finish(exit_code=int(failed))

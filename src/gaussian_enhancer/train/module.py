@@ -24,12 +24,12 @@ class ValidationMetrics:
     """Validation metrics of one view.
 
     Args:
-        place: position of the view among all validation views.
+        position: position of the view among all validation views.
         name: set and view.
         gains: gain over the raw render, by metric.
     """
 
-    place: int
+    position: int
     name: str
     gains: dict[str, float]
 
@@ -77,10 +77,10 @@ class EnhancerModule(LightningModule):
         Raises:
             InputError: too many crops were dropped, or the weights are no longer finite.
         """
-        total, parts = self.batch_loss(batch)
+        total, terms = self.batch_loss(batch)
         size = len(batch.names)
         self.log("train/total", total, prog_bar=True, batch_size=size, sync_dist=True)
-        self.log_dict({f"train/{name}": value for name, value in parts.items()}, batch_size=size, sync_dist=True)
+        self.log_dict({f"train/{name}": value for name, value in terms.items()}, batch_size=size, sync_dist=True)
         return total
 
     def batch_loss(self, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
@@ -110,12 +110,11 @@ class EnhancerModule(LightningModule):
             raise InputError("training", received, "lower optimizer.lr, or warm it up for longer")
         if not bool(finite.any()):
             zero = images[-1].detach().new_zeros(())
-            return torch.stack([0.0 * image.float().sum() for image in images]).sum(), dict.fromkeys(
-                self.loss.terms, zero
-            )
-        kept_images = tuple(image[finite] for image in images)
-        total, parts = self._loss_at_all_scales(kept_images, batch.views.render[finite], batch.photo[finite])
-        return total * finite.float().mean(), parts
+            total = torch.stack([0.0 * image.float().sum() for image in images]).sum()
+            return total, dict.fromkeys(self.loss.terms, zero)
+        finite_images = tuple(image[finite] for image in images)
+        total, terms = self._loss_at_all_scales(finite_images, batch.views.render[finite], batch.photo[finite])
+        return total * finite.float().mean(), terms
 
     def _loss_at_all_scales(
         self, images: tuple[Tensor, ...], renders: Tensor, photos: Tensor
@@ -124,14 +123,14 @@ class EnhancerModule(LightningModule):
         *coarser, enhanced = images
         with torch.autocast(self.device.type, enabled=False):
             enlarged_render = upsample_bicubic(renders, self.network.scale).clamp(0, 1)
-            total, parts = self.loss(single_precision(enhanced), photos, enlarged_render)
+            total, terms = self.loss(single_precision(enhanced), photos, enlarged_render)
             for image in coarser:
                 photo, render = (
                     F.adaptive_avg_pool2d(full_size, (image.shape[-2], image.shape[-1]))
                     for full_size in (photos, enlarged_render)
                 )
                 total = total + self.coarse * self.loss(single_precision(image), photo, render)[0]
-        return total, parts
+        return total, terms
 
     def on_train_end(self) -> None:
         """Fail if all processes together have dropped too many crops."""
@@ -166,11 +165,11 @@ class EnhancerModule(LightningModule):
         position = index * self.trainer.world_size + self.trainer.global_rank
         values = {name.removeprefix("gain/"): float(value) for name, value in gains.items()}
         self.view_metrics.append(ValidationMetrics(position, batch.names[0], values))
-        return {"place": position, "enhanced": enhanced}
+        return {"position": position, "enhanced": enhanced}
 
     def on_validation_epoch_end(self) -> None:
         """Gather the results of the views from all processes, in the order of the views."""
-        self.view_metrics = sorted(gather(self.view_metrics), key=lambda one: one.place)
+        self.view_metrics = sorted(gather(self.view_metrics), key=lambda metrics: metrics.position)
 
     def configure_optimizers(self) -> Any:
         """Optimizer of the network's parameters, with weight decay on the weights of convolutions only."""

@@ -7,6 +7,7 @@ import dataclasses
 import sys
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from operator import itemgetter
 
 import torch
 from jaxtyping import Bool
@@ -53,7 +54,7 @@ class NonFiniteFilter:
         Raises:
             InputError: too large a share was dropped.
         """
-        _refuse_sample(self.counts, self.share, crop_count, max(crop_count, MIN_CROPS))
+        self._refuse(self.counts, crop_count, max(crop_count, MIN_CROPS))
 
     def refuse_many_of_all(self, crop_count: int) -> None:
         """Fail if all processes together have dropped too large a share. Every process has to call this.
@@ -64,19 +65,19 @@ class NonFiniteFilter:
         Raises:
             InputError: too large a share was dropped.
         """
-        _refuse_sample(self.dropped_by_all(), self.share, crop_count, crop_count)
+        self._refuse(self.dropped_by_all(), crop_count, crop_count)
 
     def dropped_by_all(self) -> dict[str, int]:
         """Number of drops of each sample over all processes. Every process has to call this."""
         return dict(sum((Counter(counts) for counts in gather([self.counts])), Counter()))
 
-
-def _refuse_sample(counts: dict[str, int], share: float, seen: int, base: int) -> None:
-    total = sum(counts.values())
-    if total > share * base:
-        worst = max(counts, key=lambda name: counts[name])
-        received = f"dropped {total} of {seen} crops that are not finite, most often {worst} ({counts[worst]})"
-        raise InputError("training", received, f"repair the sample, or set bad_share above {share:g}")
+    def _refuse(self, dropped: dict[str, int], crop_count: int, divisor: int) -> None:
+        """Fail if the number of dropped crops, divided by ``divisor``, is above the permitted share."""
+        total = sum(dropped.values())
+        if total > self.share * divisor:
+            worst, count = max(dropped.items(), key=itemgetter(1))
+            received = f"dropped {total} of {crop_count} crops that are not finite, most often {worst} ({count})"
+            raise InputError("training", received, f"repair the sample, or set bad_share above {self.share:g}")
 
 
 def refuse_share(share: float) -> None:

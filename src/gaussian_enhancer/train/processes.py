@@ -31,39 +31,39 @@ def is_first() -> bool:
     return int(getattr(rank_zero_only, "rank", 0) or 0) == 0
 
 
-def launch(work: Callable[..., Any], cfg: DictConfig, accelerator: str, count: int, *given: Any) -> Any:
+def launch(work: Callable[..., Any], cfg: DictConfig, accelerator: str, count: int, *arguments: Any) -> Any:
     """Run a function in several processes and return the first process's result.
 
     Lightning's default would start the other processes by repeating the command line. In a sweep this would repeat the
     whole sweep, and in a notebook it does not work. Fabric spawns them instead. If one fails, the others are ended.
 
     Args:
-        work: a function at module level, called with ``cfg`` and ``given``.
+        work: a function at module level, called with ``cfg`` and ``arguments``.
         cfg: the job's configuration; only the first process shows progress bars.
         accelerator: Lightning's name of the accelerator.
         count: number of processes; with 1 the function runs in this process.
-        *given: further arguments of the function.
+        *arguments: further arguments of the function.
 
     Raises:
         InputError: the function raised it.
         LostProcessError: one of the processes was killed.
     """
     if count == 1:
-        return work(cfg, *given)
+        return work(cfg, *arguments)
     from lightning.fabric import Fabric
 
     if cfg.runtime.threads is None:
         cfg.runtime.threads = max(1, len(os.sched_getaffinity(0)) // count)
     fabric: Any = Fabric(accelerator=accelerator, devices=count, strategy="ddp_spawn")
     try:
-        return pickle.loads(fabric.launch(_run_pickled, pickle.dumps((work, cfg, given))))
+        return pickle.loads(fabric.launch(_run_pickled, pickle.dumps((work, cfg, arguments))))
     except torch.multiprocessing.ProcessExitedException as error:
         raise LostProcessError(f"one of {count} processes was killed, for want of memory perhaps") from error
     except torch.multiprocessing.ProcessRaisedException as error:
-        refusal = _parse_input_error(str(error))
-        if refusal is None:
+        input_error = _parse_input_error(str(error))
+        if input_error is None:
             raise
-        raise refusal from None
+        raise input_error from None
 
 
 def _run_pickled(fabric: Any, call: bytes) -> bytes:
@@ -79,6 +79,6 @@ def _parse_input_error(traceback: str) -> InputError | None:
     lines = [line.removeprefix(name) for line in traceback.splitlines() if line.startswith(name)]
     if not lines:
         return None
-    subject, _, rest = lines[-1].partition(": ")
-    received, _, remedy = rest.partition("; ")
+    subject, _, message = lines[-1].partition(": ")
+    received, _, remedy = message.partition("; ")
     return InputError(subject, received, remedy)

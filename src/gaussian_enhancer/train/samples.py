@@ -23,7 +23,7 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
-from gaussian_enhancer.align.alignment import AlignedReferences
+from gaussian_enhancer.align.alignment import AlignedReferences, LoadedView
 from gaussian_enhancer.align.depth_normalisation import MAX_INVERSE_DEPTH, depth_unit, normalised_inverse_depth
 from gaussian_enhancer.align.exposure import apply_colour, fit_exposure
 from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool, read_target
@@ -114,8 +114,8 @@ def prepare_samples(
         "layout": LAYOUT_VERSION,
         "identity": identity,
         "reference_config": reference_config_of(reference_config),
+        "held_out": held_out,
     }
-    content["held_out"] = held_out
     if match_exposure:
         content["match_exposure"] = True
     digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
@@ -176,17 +176,46 @@ def _prepare(
     folder: Path,
     match_exposure: bool,
 ) -> Sample:
+    """Prepare the sample of one target: read it, align its references, and write its planes."""
     view = rendered.targets[number]
-    target = read_target(view)
-    photo = _photo(view.name, view.read_photo, *target.image.shape[-2:])
+    name, target = f"{rendered.name}/{view.name}", read_target(view)
+    height, width = target.image.shape[-2:]
+    photo = _photo(view.name, view.read_photo, height, width)
     if bad := _non_finite_names({"render": target.image, "photo": photo, "opacity": target.alpha}):
         # Rounding to bytes would turn NaN into an ordinary colour.
-        height, width = target.image.shape[-2:]
-        return Sample(f"{rendered.name}/{view.name}", "", height, width, 0, False, False, bad=bad)
+        return Sample(name, "", height, width, 0, False, False, bad=bad)
     exposure = fit_exposure(photo, target.image) if match_exposure else None
     if exposure is not None:
         photo = apply_colour(photo, exposure)
     aligned = reference_config.align(target, view, pool)
+    path = folder / f"{number:04d}.npy"
+    save_array(path, _planes(target, photo, aligned).to(torch.uint8).numpy())
+    fine_path = ""
+    if reference_config.fine:
+        fine_path = str(folder / f"{number:04d}-fine.npy")
+        fine_photo = _photo(view.name, view.read_fine_photo, 4 * height, 4 * width)
+        fine_photo = fine_photo if exposure is None else apply_colour(fine_photo, exposure)
+        save_array(fine_path, _fine_planes(fine_photo, aligned).to(torch.uint8).numpy())
+    return Sample(
+        name,
+        str(path),
+        height,
+        width,
+        references=len(aligned.names),
+        has_depth=target.depth is not None,
+        has_alpha=target.alpha is not None,
+        has_reference_renders=aligned.renders is not None,
+        fine=fine_path,
+    )
+
+
+def _non_finite_names(images: Mapping[str, Tensor | None]) -> str:
+    """Names of the images with values that are not finite; empty if there are none."""
+    return ", ".join(n for n, image in images.items() if image is not None and not bool(torch.isfinite(image).all()))
+
+
+def _planes(target: LoadedView, photo: Float[Tensor, "3 h w"], aligned: AlignedReferences) -> Tensor:
+    """Planes in the layout of the file, with missing opacity 1, and missing depth and renders 0."""
     inverse = torch.zeros_like(target.image[:1])
     if target.depth is not None:
         depth = target.depth[None]
@@ -195,42 +224,8 @@ def _prepare(
     alpha = torch.ones_like(inverse) if target.alpha is None else target.alpha
     renders = torch.zeros_like(aligned.references) if aligned.renders is None else aligned.renders
     references = torch.cat([aligned.references, aligned.visibility, renders], dim=1).flatten(0, 1)
-    planes = torch.cat(
-        [
-            _bytes(target.image),
-            _bytes(photo),
-            _bytes(alpha),
-            depth_levels // 256,
-            depth_levels % 256,
-            _bytes(references),
-        ]
-    )
-    path = folder / f"{number:04d}.npy"
-    save_array(path, planes.to(torch.uint8).numpy())
-    height, width = planes.shape[-2:]
-    fine_path = ""
-    if reference_config.fine:
-        fine_path = str(folder / f"{number:04d}-fine.npy")
-        fine_photo = _photo(view.name, view.read_fine_photo, 4 * height, 4 * width)
-        fine_photo = fine_photo if exposure is None else apply_colour(fine_photo, exposure)
-        save_array(fine_path, _fine_planes(fine_photo, aligned).to(torch.uint8).numpy())
-    has_geometry = target.depth is not None, target.alpha is not None
-    name, has_renders = f"{rendered.name}/{view.name}", aligned.renders is not None
-    return Sample(
-        name,
-        str(path),
-        height,
-        width,
-        len(aligned.names),
-        *has_geometry,
-        has_reference_renders=has_renders,
-        fine=fine_path,
-    )
-
-
-def _non_finite_names(images: Mapping[str, Tensor | None]) -> str:
-    """Names of the images with values that are not finite; empty if there are none."""
-    return ", ".join(n for n, image in images.items() if image is not None and not bool(torch.isfinite(image).all()))
+    colours = _bytes(torch.cat([target.image, photo, alpha]))
+    return torch.cat([colours, depth_levels // 256, depth_levels % 256, _bytes(references)])
 
 
 def _fine_planes(photo: Float[Tensor, "3 H W"], aligned: AlignedReferences) -> Tensor:
@@ -271,21 +266,23 @@ def make_batch(
     height, width = stacked.shape[-2:]
     images = stacked.float() / 255
     inverse = (stacked[:, 7:8].float() * 256 + stacked[:, 8:9].float()) * (MAX_INVERSE_DEPTH / 65535)
-    known = torch.tensor([sample.has_depth for sample in samples])[:, None, None, None]
-    depth = torch.where((inverse > 0) & known, 1 / inverse.clamp_min(1e-6), torch.zeros_like(inverse))
+    has_depth = torch.tensor([sample.has_depth for sample in samples])[:, None, None, None]
+    depth = torch.where((inverse > 0) & has_depth, 1 / inverse.clamp_min(1e-6), torch.zeros_like(inverse))
     reference_planes = images[:, FIXED_PLANES:].view(len(samples), references, PLANES_PER_REFERENCE, height, width)
-    renders = reference_planes[:, :, 4:] if all(sample.has_reference_renders for sample in samples) else None
-    unit = torch.ones(len(samples))
     views = NetworkInput(
-        images[:, :3], reference_planes[:, :, :3], reference_planes[:, :, 3:4], depth, images[:, 6:7], unit, renders
+        render=images[:, :3],
+        references=reference_planes[:, :, :3],
+        visibility=reference_planes[:, :, 3:4],
+        depth=depth,
+        alpha=images[:, 6:7],
+        depth_unit=torch.ones(len(samples)),
+        reference_renders=reference_planes[:, :, 4:] if all(s.has_reference_renders for s in samples) else None,
     )
-    photo, fine_crops = images[:, 3:6], [layer for layer in fine if layer is not None]
-    if fine_crops and len(fine_crops) == len(samples):
-        fine_planes = _stack(fine_crops, PLANES_PER_FINE_IMAGE * (1 + references)).float() / 255
-        photo, fine_references = (
-            fine_planes[:, :PLANES_PER_FINE_IMAGE],
-            fine_planes[:, PLANES_PER_FINE_IMAGE:].unflatten(1, (references, PLANES_PER_FINE_IMAGE)),
-        )
+    photo, fine_planes = images[:, 3:6], [planes for planes in fine if planes is not None]
+    if fine_planes and len(fine_planes) == len(samples):
+        fine_images = _stack(fine_planes, PLANES_PER_FINE_IMAGE * (1 + references)).float() / 255
+        photo, fine_references = fine_images[:, :PLANES_PER_FINE_IMAGE], fine_images[:, PLANES_PER_FINE_IMAGE:]
+        fine_references = fine_references.unflatten(1, (references, PLANES_PER_FINE_IMAGE))
         views = dataclasses.replace(views, fine_references=fine_references)
     return Batch(views, photo, tuple(sample.name for sample in samples))
 

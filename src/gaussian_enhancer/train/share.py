@@ -7,6 +7,7 @@ of its samples, whether it has the references' renders) are the same in every pr
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain, islice
 from typing import Any, TypeVar
 
 import torch
@@ -54,13 +55,10 @@ class SharedBatches(Sampler[list[tuple[int, int, ProcessShare]]]):
         return len(self.draw) // self.size  # type: ignore[arg-type]
 
     def __iter__(self) -> Iterator[list[tuple[int, int, ProcessShare]]]:
-        part, batch = self.size // self.ranks, []
-        for crop in self.draw:
-            batch.append(crop)
-            if len(batch) == self.size:
-                share = ProcessShare(tuple(batch), self.rank * part)
-                yield [(*crop_index, share) for crop_index in batch[share.start : share.start + part]]
-                batch = []
+        share_size, crops = self.size // self.ranks, iter(self.draw)
+        while len(batch := tuple(islice(crops, self.size))) == self.size:
+            share = ProcessShare(batch, self.rank * share_size)
+            yield [(*crop, share) for crop in batch[share.start : share.start + share_size]]
 
 
 class SharedCrops(Dataset[tuple[tuple, ProcessShare]]):
@@ -78,10 +76,10 @@ class SharedCrops(Dataset[tuple[tuple, ProcessShare]]):
         return self.crops[position, seed], share
 
 
-def gather(own: Sequence[T]) -> list[T]:
+def gather(items: Sequence[T]) -> list[T]:
     """Concatenate the lists of all processes, in every process; with one process, return its own list."""
     if not (torch.distributed.is_available() and torch.distributed.is_initialized()):
-        return list(own)
-    parts: list[Any] = [None] * torch.distributed.get_world_size()
-    torch.distributed.all_gather_object(parts, list(own))
-    return [item for part in parts for item in part]
+        return list(items)
+    lists: list[Any] = [None] * torch.distributed.get_world_size()
+    torch.distributed.all_gather_object(lists, list(items))
+    return list(chain.from_iterable(lists))

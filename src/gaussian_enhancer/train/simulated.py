@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import torch
 import torch.nn.functional as F
-from torch import Tensor
 
 from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.artefacts.view import View
@@ -66,35 +65,29 @@ class Simulation:
         batch = dataclasses.replace(batch, real=batch.views.render)
         simulated = [i for i in range(len(samples)) if not samples[i].held_out or self.is_simulated(seeds[i])]
         # Crops are grouped by what is known of them: unknown depth or opacity must not be simulated as if known.
-        known_inputs = {_known_parts(samples[i]): None for i in simulated}
-        for known in known_inputs:
-            group = [i for i in simulated if _known_parts(samples[i]) == known]
-            batch = self._replace_renders(batch, group, *known, seeds=[seeds[i] for i in group])
+        for known_parts in dict.fromkeys(_known_parts(samples[i]) for i in simulated):
+            group = [i for i in simulated if _known_parts(samples[i]) == known_parts]
+            batch = self._replace_renders(batch, group, *known_parts, seeds=[seeds[i] for i in group])
         return batch
 
     def _replace_renders(
         self, batch: Batch, indices: list[int], held_out: bool, has_depth: bool, has_alpha: bool, seeds: list[int]
     ) -> Batch:
+        """The batch with simulated render, depth and opacity in the crops with these indices."""
         views, index = batch.views, torch.tensor(indices)
-
-        def known(plane: Tensor | None, is_known: bool) -> Tensor | None:
-            return plane[index] if plane is not None and is_known else None
-
         photo = batch.photo[index]
         if photo.shape[-2:] != views.render.shape[-2:]:  # super-resolution: the photo is finer
             photo = F.interpolate(photo, views.render.shape[-2:], mode="area")
-        photos = View(photo, known(views.depth, has_depth), known(views.alpha, has_alpha))
+        depth, alpha = (
+            plane[index] if plane is not None and is_known else None
+            for plane, is_known in ((views.depth, has_depth), (views.alpha, has_alpha))
+        )
+        generators = [_generators(seed)[1] for seed in seeds]
         with torch.no_grad():
-            simulated = self.simulator(
-                photos, [_generators(seed)[1] for seed in seeds], views.render[index] if held_out else None
-            )
-
-        def put(plane: Tensor | None, other: Tensor | None) -> Tensor | None:
-            return plane if plane is None or other is None else plane.index_copy(0, index, other)
-
-        render = views.render.index_copy(0, index, simulated.image)
-        depth, alpha = put(views.depth, simulated.depth), put(views.alpha, simulated.alpha)
-        return dataclasses.replace(batch, views=dataclasses.replace(views, render=render, depth=depth, alpha=alpha))
+            simulated = self.simulator(View(photo, depth, alpha), generators, views.render[index] if held_out else None)
+        replaced = View(views.render, views.depth, views.alpha).with_samples(index, simulated)
+        views = dataclasses.replace(views, render=replaced.image, depth=replaced.depth, alpha=replaced.alpha)
+        return dataclasses.replace(batch, views=views)
 
 
 def _known_parts(sample: Sample) -> tuple[bool, bool, bool]:

@@ -21,7 +21,7 @@ SPAWN_STRATEGIES = ("auto", "ddp", "ddp_spawn")
 """Strategies for which a job starts its processes itself; all others are left to Lightning."""
 
 
-def make_trainer(cfg: DictConfig, job: Run, checkpoint: str, part: str = "", **overrides: Any) -> Any:
+def make_trainer(cfg: DictConfig, job: Run, checkpoint: str, name: str = "", **overrides: Any) -> Any:
     """Make a trainer that logs and writes checkpoints in a run's folder.
 
     Its callbacks are those of the group ``callbacks``, followed by the user's own in ``trainer.callbacks``.
@@ -30,7 +30,7 @@ def make_trainer(cfg: DictConfig, job: Run, checkpoint: str, part: str = "", **o
         cfg: the job's configuration with ``trainer``, ``callbacks``, ``logger``, ``profiler`` and ``runtime``.
         job: the run.
         checkpoint: file name, without ending, of the checkpoint that an interrupted training resumes from.
-        part: name of this training if the run has several; each logs in its own folder.
+        name: name of this training if the run has several; each logs in its own folder.
         **overrides: options of the trainer that take precedence over the configuration.
 
     Raises:
@@ -41,7 +41,7 @@ def make_trainer(cfg: DictConfig, job: Run, checkpoint: str, part: str = "", **o
     from gaussian_enhancer.train.loggers import RunSetup, make_loggers
 
     values = effective_config(result_configuration(cfg))
-    cfg = _with_run_description(cfg, job, part)
+    cfg = _with_run_description(cfg, job, name)
     loggers = make_loggers(cfg.logger)
     options: dict[str, Any] = {"use_distributed_sampler": False}  # samples are split by the data module
     if spawns_processes(cfg) and device_count(cfg) > 1:
@@ -60,15 +60,15 @@ def make_trainer(cfg: DictConfig, job: Run, checkpoint: str, part: str = "", **o
     )
 
 
-def _with_run_description(cfg: DictConfig, job: Run, part: str) -> DictConfig:
+def _with_run_description(cfg: DictConfig, job: Run, name: str) -> DictConfig:
     """The configuration with the section ``this_run``, which loggers refer to."""
-    dash = f"-{part}" if part else ""
+    suffix = f"-{name}" if name else ""
     configuration = copy.deepcopy(cfg)
     with open_dict(configuration):
         configuration.this_run = {
-            "folder": str(job.folder / part),
-            "id": f"{job.digest}{dash}",
-            "name": f"{job.folder.name}{dash}",
+            "folder": str(job.folder / name),
+            "id": f"{job.digest}{suffix}",
+            "name": f"{job.folder.name}{suffix}",
             "job": job.folder.parent.name,
         }
     return configuration
@@ -88,9 +88,8 @@ def _callbacks(cfg: DictConfig, job: Run, checkpoint: str) -> list[Any]:
             and issubclass(callback_type, ModelCheckpoint)
             and node.get("dirpath") is None
         )
-        built.append(
-            build(node, **({"dirpath": str(job.folder), "filename": checkpoint} if is_default_checkpoint else {}))
-        )
+        options = {"dirpath": str(job.folder), "filename": checkpoint} if is_default_checkpoint else {}
+        built.append(build(node, **options))
     return [callback for callback in built if cfg.runtime.progress or not isinstance(callback, ProgressBar)]
 
 

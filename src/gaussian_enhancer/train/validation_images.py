@@ -4,6 +4,7 @@ Axes: h height, w width.
 """
 
 from collections.abc import Sequence
+from operator import itemgetter
 from typing import Any
 
 import torch
@@ -50,7 +51,7 @@ class ValidationImages(Callback):
             batch_idx: unused.
             *_: unused.
         """
-        position, enhanced = outputs["place"], outputs["enhanced"]
+        position, enhanced = outputs["position"], outputs["enhanced"]
         stride = max(1, len(trainer.val_dataloaders.dataset) // self.images)  # type: ignore[union-attr]
         if self.loggers and position % stride == 0 and position // stride < self.images:
             raw = quantise_8_bit(upsample_bicubic(batch.views.render, pl_module.network.scale))  # type: ignore[arg-type,union-attr]
@@ -60,16 +61,16 @@ class ValidationImages(Callback):
         """Log the table and the kept images, in the first process only."""
         if not self.loggers:
             return
-        shown = sorted(gather(self.pending_images), key=lambda one: one[0])
+        gathered = sorted(gather(self.pending_images), key=itemgetter(0))
         self.pending_images = []
-        judged: list[ValidationMetrics] = pl_module.view_metrics  # type: ignore[assignment]
-        if not trainer.is_global_zero or trainer.sanity_checking or not judged:
+        view_metrics: list[ValidationMetrics] = pl_module.view_metrics  # type: ignore[assignment]
+        if not trainer.is_global_zero or trainer.sanity_checking or not view_metrics:
             return
-        names, images = [name for _, name, _ in shown], [image for _, _, image in shown]
+        names, images = [name for _, name, _ in gathered], [image for _, _, image in gathered]
         for logger in self.loggers:
             if isinstance(logger, WandbLogger):
-                metrics = sorted(judged[0].gains)
-                rows = [[one.name, *(one.gains[metric] for metric in metrics)] for one in judged]
+                metrics = sorted(view_metrics[0].gains)
+                rows = [[view.name, *(view.gains[metric] for metric in metrics)] for view in view_metrics]
                 columns = ["view", *(f"gain/{metric}" for metric in metrics)]
                 logger.log_table("validation/views", columns, rows, step=trainer.global_step)
                 arrays = [image.permute(1, 2, 0).numpy() for image in images]
