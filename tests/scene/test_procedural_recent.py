@@ -23,12 +23,12 @@ def test_forgets_the_least_recently_used():
         recent.get(key, lambda: torch.zeros(10))
     recent.get("a", lambda: torch.ones(10))
     recent.get("c", lambda: torch.zeros(10))
-    assert list(recent.held) == ["a", "c"]
+    assert list(recent.tensors) == ["a", "c"]
     assert recent.size == 80
 
 
 def test_never_keeps_what_is_too_large():
     recent = TensorCache(capacity=39)
     recent.get("a", lambda: torch.zeros(10))
-    assert not recent.held
+    assert not recent.tensors
     assert recent.size == 0

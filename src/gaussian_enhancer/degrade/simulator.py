@@ -58,7 +58,7 @@ class Simulator:
 
     def __init__(self, gate: Gate, generator: SecondStage | None = None) -> None:
         self.gate = gate
-        self.second = NoSecondStage() if generator is None else generator
+        self.second_stage = NoSecondStage() if generator is None else generator
 
     def __call__(
         self,
@@ -83,8 +83,9 @@ class Simulator:
             raise InputError("photo", "has colours that are not finite", "give colours in [0, 1]")
         if view.image.dtype in (torch.float16, torch.bfloat16):
             view, real = view.to(torch.float32), None if real is None else real.float()
-        sources = spawn(len(view), generators) if isinstance(generators, torch.Generator) else generators
-        steps = [self.gate.draw(source) for source in sources]
+        if isinstance(generators, torch.Generator):
+            generators = spawn(len(view), generators)
+        steps = [self.gate.draw(generator) for generator in generators]
         with torch.autocast(view.image.device.type, enabled=False):
-            refined = self.second(degrade(view, steps, sources), sources, real)
+            refined = self.second_stage(degrade(view, steps, generators), generators, real)
         return View(quantise_8_bit(refined.image), refined.depth, refined.alpha)

@@ -127,14 +127,14 @@ def generator_section(
     Raises:
         InputError: stage 2 requires a real render and there is none.
     """
-    if isinstance(simulator.second, NoSecondStage):
+    if isinstance(simulator.second_stage, NoSecondStage):
         return Section("Generator", "Stage 2 is switched off (generator=none): the images are stage 1's output.")
     generator = torch.Generator().manual_seed(seed)
     steps = simulator.gate.draw(generator)
     manual = degrade(view, [steps], [generator])
     views = {"photo": view, "M, stage 1": manual}
     for stage_seed in range(seed, seed + draws):
-        views[f"L, stage 2, seed {stage_seed}"] = simulator.second(
+        views[f"L, stage 2, seed {stage_seed}"] = simulator.second_stage(
             manual, [torch.Generator().manual_seed(stage_seed)], real_render
         )
     if real_render is not None:

@@ -1,7 +1,7 @@
 """Texture atlas: all mip levels of all textures in one flat table, sampled with trilinear filtering.
 
 Channels: red, green, blue (sRGB), opacity, slope along u, slope along v, gloss, height.
-Axes: t texture side, m samples, n texels.
+Axes: t texture side, m samples, n texels, k textures, l mip levels.
 """
 
 from dataclasses import dataclass
@@ -91,10 +91,8 @@ def bake(textures: list[Texture], device: torch.device) -> Atlas:
     start = 0
     for k, texture in enumerate(textures):
         image = _channels(texture)
-        for level in range(levels):
+        for level in range(int(np.log2(len(texture.height))) + 1):
             starts[k, level] = start
-            if level >= int(np.log2(len(texture.height))) + 1:
-                continue
             pieces.append(np.round(image * 255).astype(np.uint8).reshape(-1, CHANNELS))
             start += len(pieces[-1])
             if len(image) > 1:
@@ -105,6 +103,7 @@ def bake(textures: list[Texture], device: torch.device) -> Atlas:
 
 
 def _channels(texture: Texture) -> np.ndarray:
+    """The texture's eight channels in [0, 1]; slopes are clipped to +-`SLOPE_RANGE` and mapped to [0, 1]."""
     height = texture.height
     side = len(height)
     slopes = [(np.roll(height, -1, axis) - np.roll(height, 1, axis)) * side / 2 for axis in (1, 0)]

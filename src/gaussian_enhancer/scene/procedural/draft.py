@@ -5,6 +5,7 @@ Axes: c cameras.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -14,6 +15,9 @@ from gaussian_enhancer.scene.procedural.mesh import MeshBuilder, SurfacePart
 from gaussian_enhancer.scene.procedural.vector import Number, Vector
 
 CameraPath = Callable[[int], tuple[Float[np.ndarray, "c 3"], Float[np.ndarray, "c 3"]]]
+"""Returns camera positions and the points that they look at, for a number of cameras."""
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -130,6 +134,6 @@ class Draft:
         """Add a placed part with a material."""
         self.builder.add(part, material, casts=casts)
 
-    def pick(self, *choices: object) -> object:
+    def pick(self, *choices: T) -> T:
         """Choose one of several values at random."""
         return choices[int(self.rng.integers(len(choices)))]

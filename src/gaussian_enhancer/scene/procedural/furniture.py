@@ -4,6 +4,8 @@ Each function adds one object to a draft. Lengths are in metres; `at` is the obj
 z in radians.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 
@@ -22,10 +24,9 @@ def flat_print(
     window: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0),
 ) -> None:
     """Printed sheet; `window` is the part of the texture that is shown (u, v, width, height)."""
-    part = shapes.quad(origin, right, down)
+    sheet = shapes.quad(origin, right, down)
     u, v, w, h = window
-    uv_extent = part.uvs.max(0)
-    p.draft.add(SurfacePart(part.positions, part.normals, part.uvs / uv_extent * [w, h] + [u, v], part.faces), p(name))
+    p.add(replace(sheet, uvs=sheet.uvs / sheet.uvs.max(0) * [w, h] + [u, v]), name)
 
 
 def table(p: Palette, at: Vector, yaw: float, size: tuple[float, float], height: float, material: str = "wood") -> None:
@@ -50,7 +51,7 @@ def table(p: Palette, at: Vector, yaw: float, size: tuple[float, float], height:
         for b in (-1, 1)
     ]
     legs += [shapes.rod((-x, b * y, height * 0.25), (x, b * y, height * 0.25), 0.012, 6) for b in (-1, 1)]
-    p.draft.add(join_parts([top.transform((0, 0, height)), *legs]).transform(at, yaw=yaw), p(material))
+    p.add(join_parts([top.transform((0, 0, height)), *legs]).transform(at, yaw=yaw), material)
 
 
 def chair(p: Palette, at: Vector, yaw: float) -> None:
@@ -79,10 +80,10 @@ def chair(p: Palette, at: Vector, yaw: float) -> None:
     frame += [
         shapes.rod((-half_width, b * half_width, 0.2), (half_width, b * half_width, 0.2), 0.01, 6) for b in (-1, 1)
     ]
-    p.draft.add(join_parts(frame).transform(at, yaw=yaw), p(str(rng.choice(["wood 2", "iron", "chrome"]))))
-    p.draft.add(
+    p.add(join_parts(frame).transform(at, yaw=yaw), rng.choice(["wood 2", "iron", "chrome"]))
+    p.add(
         shapes.box((width, width, 0.05)).transform((0, 0, seat_height)).transform(at, yaw=yaw),
-        p(str(rng.choice(["cloth", "wood 2", "cloth 2"]))),
+        rng.choice(["cloth", "wood 2", "cloth 2"]),
     )
 
 
@@ -91,9 +92,9 @@ def sofa(p: Palette, at: Vector, yaw: float, length: float) -> None:
     rng = p.draft.rng
 
     def cushion(x: float, y: float, z: float) -> SurfacePart:
-        part = shapes.ellipsoid((1.0, 1.0, 1.0), 24)
-        rounded_box = np.sign(part.positions) * np.abs(part.positions) ** 0.38
-        return SurfacePart(rounded_box * np.array([x, y, z]) / 2, part.normals, part.uvs * 0.4, part.faces)
+        sphere = shapes.ellipsoid((1.0, 1.0, 1.0), 24)
+        rounded_box = np.sign(sphere.positions) * np.abs(sphere.positions) ** 0.38
+        return replace(sphere, positions=rounded_box * np.array([x, y, z]) / 2, uvs=sphere.uvs * 0.4)
 
     seats = int(rng.integers(2, 4))
     seat_width = length / seats
@@ -108,35 +109,31 @@ def sofa(p: Palette, at: Vector, yaw: float, length: float) -> None:
             cushion(seat_width, 0.7, 0.2).transform((x, -0.05, 0.4)),
             cushion(seat_width, 0.22, 0.5).transform((x, 0.25, 0.65), tilt=-0.2),
         ]
-    p.draft.add(join_parts(parts).transform(at, yaw=yaw), p("cloth 3"))
+    p.add(join_parts(parts).transform(at, yaw=yaw), "cloth 3")
     pillows = [
         cushion(0.42, 0.16, 0.42).transform((x, 0.05, 0.68), yaw=rng.uniform(-0.5, 0.5), tilt=-0.35)
         for x in rng.uniform(-length / 2.6, length / 2.6, 2)
     ]
-    p.draft.add(join_parts(pillows).transform(at, yaw=yaw), p("cloth 4"))
+    p.add(join_parts(pillows).transform(at, yaw=yaw), "cloth 4")
 
 
 def books(p: Palette, at: Vector, yaw: float, width: float, height: float = 0.26) -> None:
     """Row of books with their spines towards -y; some lean."""
     rng, x = p.draft.rng, 0.0
     while x < width - 0.05:
-        thickness, book_height, depth = (
-            rng.uniform(0.018, 0.05),
-            height * rng.uniform(0.65, 1.0),
-            rng.uniform(0.13, 0.19),
-        )
+        thickness = rng.uniform(0.018, 0.05)
+        book_height = height * rng.uniform(0.65, 1.0)
+        depth = rng.uniform(0.13, 0.19)
         lean = float(rng.uniform(0.0, 0.12)) if rng.random() < 0.15 else 0.0
         body = shapes.box((thickness, depth, book_height)).transform((x + thickness / 2, depth / 2, 0))
-        body = SurfacePart(
-            body.positions + np.outer(body.positions[:, 2], [lean, 0, 0]), body.normals, body.uvs, body.faces
-        )
-        p.draft.add(body.transform(at, yaw=yaw), p("page 2" if rng.random() < 0.3 else "cloth 5"))
+        body = replace(body, positions=body.positions + np.outer(body.positions[:, 2], [lean, 0, 0]))
+        p.add(body.transform(at, yaw=yaw), "page 2" if rng.random() < 0.3 else "cloth 5")
         k = int(rng.integers(32))
         spine = shapes.quad(
             (x + lean * book_height, -0.002, book_height), (thickness, 0, 0), (-lean * book_height, 0, -book_height)
         )
         uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * [0.94 / 32, 1.0] + [(k + 0.03) / 32, 0]
-        p.draft.add(SurfacePart(spine.positions, spine.normals, uv, spine.faces).transform(at, yaw=yaw), p("spines"))
+        p.add(replace(spine, uvs=uv).transform(at, yaw=yaw), "spines")
         x += thickness + 0.002 + lean * book_height
 
 
@@ -153,7 +150,7 @@ def shelf(p: Palette, at: Vector, yaw: float, width: float, levels: int) -> None
             (-width / 2, depth / 2, levels * level_height + 0.08), (width, 0, 0), (0, 0, -levels * level_height)
         )
     ]
-    p.draft.add(join_parts(boards).transform(at, yaw=yaw), p("wood 3"))
+    p.add(join_parts(boards).transform(at, yaw=yaw), "wood 3")
     c, s = np.cos(yaw), np.sin(yaw)
 
     def place(x: float, y: float, z: float) -> Vector:
@@ -176,8 +173,8 @@ def vase(p: Palette, at: Vector, height: float, *, flowers: bool, material: str 
         [[[0.0, 0.0]], outer, [[outer[-1, 0] * 0.92, height], [outer[-1, 0] * 0.7, height * 0.85], [0.0, height * 0.8]]]
     )
     fluted = rng.random() < 0.4
-    part = shapes.lathe(profile, 48, int(rng.integers(6, 16)) if fluted else 0, 0.1 if fluted else 0.0)
-    p.draft.add(part.transform(at), p(material or str(rng.choice(["glaze", "glaze 2", "marble", "chrome"]))))
+    body = shapes.lathe(profile, 48, int(rng.integers(6, 16)) if fluted else 0, 0.1 if fluted else 0.0)
+    p.add(body.transform(at), material or rng.choice(["glaze", "glaze 2", "marble", "chrome"]))
     if flowers:
         plant(p, (at[0], at[1], at[2] + height * 0.95), height * rng.uniform(0.9, 1.5), 40)
 
@@ -192,10 +189,10 @@ def plant(p: Palette, at: Vector, height: float, count: int, leaf: str = "sprig"
         path = np.concatenate([spread * t**1.6, height * rng.uniform(0.6, 1.1) * (t - 0.25 * t**3)], axis=1)
         stems.append(shapes.tube(path, 0.006 * height + 0.0015, 5))
         tips.append(path[rng.integers(2, 7, max(1, count // max(5, count // 6)))])
-    p.draft.add(join_parts(stems).transform(at), p("bark 2"))
+    p.add(join_parts(stems).transform(at), "bark 2")
     centres = np.concatenate(tips)
     centres = centres + rng.normal(size=centres.shape) * 0.06 * height
-    p.draft.add(shapes.cards(rng, centres, 0.34 * height, 0.7).transform(at), p(leaf))
+    p.add(shapes.cards(rng, centres, 0.34 * height, 0.7).transform(at), leaf)
 
 
 def potted(p: Palette, at: Vector, height: float) -> None:
@@ -213,7 +210,7 @@ def potted(p: Palette, at: Vector, height: float) -> None:
             [0, r * 1.5],
         ]
     )
-    p.draft.add(shapes.lathe(pot, 36).transform(at), p(str(p.draft.rng.choice(["glaze 3", "brick", "concrete"]))))
+    p.add(shapes.lathe(pot, 36).transform(at), p.draft.rng.choice(["glaze 3", "brick", "concrete"]))
     plant(p, (at[0], at[1], at[2] + r * 1.5), height * 0.75, 90)
 
 
@@ -222,16 +219,16 @@ def lattice(
 ) -> None:
     """Lattice of crossing diagonal rods in a frame, in the xz plane."""
     w, h = size
-    parts = [shapes.rod((-w / 2, 0, z), (w / 2, 0, z), radius * 2.2, 6) for z in (0, h)]
-    parts += [shapes.rod((x, 0, 0), (x, 0, h), radius * 2.2, 6) for x in (-w / 2, w / 2)]
+    rods = [shapes.rod((-w / 2, 0, z), (w / 2, 0, z), radius * 2.2, 6) for z in (0, h)]
+    rods += [shapes.rod((x, 0, 0), (x, 0, h), radius * 2.2, 6) for x in (-w / 2, w / 2)]
     for c in np.arange(-h - w / 2, w / 2, pitch):
         for sign in (-1, 1):
             z0, z1 = max(0.0, -w / 2 - c), min(h, w / 2 - c)
             if z1 > z0:
-                parts.append(
+                rods.append(
                     shapes.rod((sign * (c + z0), sign * radius, z0), (sign * (c + z1), sign * radius, z1), radius, 4)
                 )
-    p.draft.add(join_parts(parts).transform(at, yaw=yaw), p(material))
+    p.add(join_parts(rods).transform(at, yaw=yaw), material)
 
 
 def wheel(radius: float, spokes: int, tyre: float) -> tuple[SurfacePart, SurfacePart]:
@@ -254,8 +251,8 @@ def bicycle(p: Palette, at: Vector, yaw: float) -> None:
     """Bicycle with thin spokes, tubes and cables."""
     for x in (-0.52, 0.52):
         tyre, rim = wheel(0.34, 28, 0.018)
-        p.draft.add(tyre.transform((x, 0, 0.34)).transform(at, yaw=yaw), p("rubber"))
-        p.draft.add(rim.transform((x, 0, 0.34)).transform(at, yaw=yaw), p("chrome"))
+        p.add(tyre.transform((x, 0, 0.34)).transform(at, yaw=yaw), "rubber")
+        p.add(rim.transform((x, 0, 0.34)).transform(at, yaw=yaw), "chrome")
     joints = {
         "rear": (-0.52, 0, 0.34),
         "crank": (-0.08, 0, 0.3),
@@ -271,8 +268,8 @@ def bicycle(p: Palette, at: Vector, yaw: float) -> None:
         ("seat", "head"),
         ("head", "front"),
     ]
-    parts = [shapes.rod(joints[a], joints[b], 0.016, 10) for a, b in bars]
-    p.draft.add(join_parts(parts).transform(at, yaw=yaw), p("paint"))
+    tubes = [shapes.rod(joints[a], joints[b], 0.016, 10) for a, b in bars]
+    p.add(join_parts(tubes).transform(at, yaw=yaw), "paint")
     bar = np.array([[0.3, -0.28, 0.98], [0.4, -0.2, 1.0], [0.36, 0, 0.98], [0.4, 0.2, 1.0], [0.3, 0.28, 0.98]])
     metal = [
         shapes.tube(bar, 0.012),
@@ -280,11 +277,11 @@ def bicycle(p: Palette, at: Vector, yaw: float) -> None:
         shapes.rod((-0.22, 0, 0.85), (-0.24, 0, 0.95), 0.013),
     ]
     metal += [shapes.wire((0.32, 0.2 * s, 0.99), (0.5, 0, 0.6), 0.1, 0.003) for s in (-1, 1)]
-    p.draft.add(join_parts(metal).transform(at, yaw=yaw), p("chrome"))
-    p.draft.add(shapes.ellipsoid((0.14, 0.07, 0.035)).transform((-0.24, 0, 0.97)).transform(at, yaw=yaw), p("rubber"))
+    p.add(join_parts(metal).transform(at, yaw=yaw), "chrome")
+    p.add(shapes.ellipsoid((0.14, 0.07, 0.035)).transform((-0.24, 0, 0.97)).transform(at, yaw=yaw), "rubber")
 
 
-def knot(rng: np.random.Generator, radius: float, thick: float) -> SurfacePart:
+def knot(rng: np.random.Generator, radius: float, tube_radius: float) -> SurfacePart:
     """A torus knot."""
     a, b = [(2, 3), (3, 2), (3, 4), (2, 5)][int(rng.integers(4))]
     t = np.linspace(0, 2 * np.pi, 220)
@@ -292,4 +289,4 @@ def knot(rng: np.random.Generator, radius: float, thick: float) -> SurfacePart:
     path: Float[np.ndarray, "k 3"] = np.stack(
         [r * np.cos(a * t), r * np.sin(a * t), 0.45 * radius * np.sin(b * t)], axis=1
     )
-    return shapes.tube(path, thick, 12)
+    return shapes.tube(path, tube_radius, 12)

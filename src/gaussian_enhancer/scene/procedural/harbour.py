@@ -70,7 +70,7 @@ def draft_harbour(seed: int) -> Draft:
 
 def _water(p: Palette) -> None:
     axis = np.sign(np.linspace(-1, 1, 61)) * np.abs(np.linspace(-1, 1, 61)) ** 2.2 * 420
-    p.draft.add(shapes.terrain(axis, axis, lambda x, y: WATER + 0 * x), p("water"), casts=False)
+    p.add(shapes.terrain(axis, axis, lambda x, y: WATER + 0 * x), "water", casts=False)
 
 
 def _mole(p: Palette) -> None:
@@ -88,7 +88,7 @@ def _mole(p: Palette) -> None:
         else:
             for k in range(3):
                 crate = (at[0] + 0.1 * rng.normal(), at[1] + 0.1 * rng.normal(), 0.1 + 0.29 * k)
-                p.draft.add(shapes.box((0.6, 0.4, 0.28)).transform(crate, yaw=a + rng.normal() * 0.2), p(f"crate {k}"))
+                p.add(shapes.box((0.6, 0.4, 0.28)).transform(crate, yaw=a + rng.normal() * 0.2), f"crate {k}")
     quayside.road_mirror(p, (7.0 * np.cos(-0.42), 7.0 * np.sin(-0.42), 0.1), float(rng.uniform(-1.1, -0.7)))
     for a in rng.uniform(-2.9, -0.25, 5):
         quayside.reeds(p, (6.3 * np.cos(a), 6.3 * np.sin(a), WATER), rng.uniform(0.5, 1.0), 260)
@@ -111,11 +111,11 @@ def _basin(p: Palette) -> None:
             vessels.trawler(p, at, boat_yaw, rng.uniform(7.5, 9.0))
         else:
             vessels.yacht(p, at, boat_yaw, rng.uniform(6.0, 7.4), hoisted=bool(rng.random() < 0.45))
-        p.draft.add(shapes.wire((x - 1.5, y - 1.0, 0.5), (x - 0.5, 1.4, WATER + 0.5), 0.12, 0.016, 5), p("rope"))
+        p.add(shapes.wire((x - 1.5, y - 1.0, 0.5), (x - 0.5, 1.4, WATER + 0.5), 0.12, 0.016, 5), "rope")
     for k, x in enumerate((-3.6, 0.2, 3.9)):
         yaw = rng.uniform(-0.5, 0.5) + np.pi / 2 * (k == 1)
         vessels.rowing_boat(p, (x + rng.uniform(-0.5, 0.5), -1.9 + rng.uniform(-0.5, 0.3), WATER), yaw)
-        p.draft.add(shapes.wire((x, -1.4, WATER + 0.4), (x + 0.3, 0.7, WATER + 0.5), 0.2, 0.013, 5), p("rope"))
+        p.add(shapes.wire((x, -1.4, WATER + 0.4), (x + 0.3, 0.7, WATER + 0.5), 0.2, 0.013, 5), "rope")
     if rng.random() < 0.7:
         vessels.yacht(p, (rng.uniform(-1, 1), 7.6, WATER), rng.normal() * 0.2, rng.uniform(6.5, 8.0))
     quayside.net_rack(p, (rng.uniform(-1.5, 1.5), 1.25, WATER + 0.45), slant * 0.3, 2.6)
@@ -129,10 +129,8 @@ def _far_quay(p: Palette) -> None:
     """Background beyond the basin, from 10 to about 270 metres: sheds, a crane, masts, pines, a lighthouse, hills."""
     rng = p.draft.rng
     xs = np.linspace(-70, 70, 15)
-    p.draft.add(
-        shapes.terrain(xs, np.linspace(13, 60, 8), lambda x, y: 0.3 + 0.02 * (y - 13)), p("paving 2"), casts=False
-    )
-    p.draft.add(shapes.quad((-70, 13, 0.3), (140, 0, 0), (0, 0, -2.0)), p("ashlar"))
+    p.add(shapes.terrain(xs, np.linspace(13, 60, 8), lambda x, y: 0.3 + 0.02 * (y - 13)), "paving 2", casts=False)
+    p.add(shapes.quad((-70, 13, 0.3), (140, 0, 0), (0, 0, -2.0)), "ashlar")
     x = -46.0
     while x < 46:
         size = (rng.uniform(8, 13), rng.uniform(7, 10), rng.uniform(4.5, 7.5))
@@ -150,4 +148,4 @@ def _far_quay(p: Palette) -> None:
     quayside.lighthouse(p, (float(rng.choice([-1, 1])) * rng.uniform(30, 48), 95.0, 2.0), 17.0)
     angle = np.linspace(0.1, np.pi - 0.1, 121)
     crest = np.maximum(26 * (0.7 + 0.6 * wavy(rng, angle, (3, 7, 12, 20, 33, 51))), 3)
-    p.draft.add(shapes.hillside(angle, crest, 190 * (1 + 0.4 * np.linspace(0, 1, 7)), -1.0), p("wood"), casts=False)
+    p.add(shapes.hillside(angle, crest, 190 * (1 + 0.4 * np.linspace(0, 1, 7)), -1.0), "wood", casts=False)

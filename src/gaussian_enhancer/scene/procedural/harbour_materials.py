@@ -35,11 +35,9 @@ def _plain(paint: Paint, colour: Colour, size: float, **looks: float) -> Callabl
 
 
 def _hull(rng: Random, colour: Colour) -> Texture:
-    line, below = (
-        random_muted_colour(rng, (0.0, 0.2), (0.75, 0.95)),
-        random_muted_colour(rng, (0.4, 0.7), (0.25, 0.45), (0.98, 1.04)),
-    )
-    return marine.hull(rng, colour, line, below)
+    line_colour = random_muted_colour(rng, (0.0, 0.2), (0.75, 0.95))
+    underwater_colour = random_muted_colour(rng, (0.4, 0.7), (0.25, 0.45), (0.98, 1.04))
+    return marine.hull(rng, colour, line_colour, underwater_colour)
 
 
 MATERIALS: Recipes = {

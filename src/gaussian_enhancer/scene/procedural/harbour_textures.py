@@ -19,7 +19,7 @@ def ripples(rng: Random, colour: Colour) -> Texture:
     return make_texture(rgb, waves, 1.0)
 
 
-def hull(rng: Random, colour: Colour, line: Colour, below: Colour) -> Texture:
+def hull(rng: Random, colour: Colour, line_colour: Colour, underwater_colour: Colour) -> Texture:
     """Painted hull; v is the depth below the rail, 2 m in a repeat.
 
     It has a line of another colour near the rail, another paint below the waterline, plank seams, vertical rust streaks
@@ -28,8 +28,8 @@ def hull(rng: Random, colour: Colour, line: Colour, below: Colour) -> Texture:
     _, v = coordinates()
     wavy_v = v + 0.004 * (fractal(rng, 1.0) - 0.5)
     rgb = add_grain(rng, np.broadcast_to(colour, (SIDE, SIDE, 3)), 0.07)
-    rgb = blend(rgb, np.array(line), step(0.055, 0.06, wavy_v) * step(0.085, 0.08, wavy_v))
-    rgb = blend(rgb, add_grain(rng, np.broadcast_to(below, rgb.shape), 0.15), step(0.42, 0.44, wavy_v))
+    rgb = blend(rgb, np.array(line_colour), step(0.055, 0.06, wavy_v) * step(0.085, 0.08, wavy_v))
+    rgb = blend(rgb, add_grain(rng, np.broadcast_to(underwater_colour, rgb.shape), 0.15), step(0.42, 0.44, wavy_v))
     rust_streaks = step(0.62, 0.86, fractal(rng, 0.9, (1.0, 9.0))) * step(0.02, 0.2, v)
     rgb = blend(rgb, np.array([0.36, 0.2, 0.12]), 0.55 * rust_streaks)
     scum = step(0.36, 0.43, v + 0.1 * (fractal(rng, 0.8) - 0.5)) * step(0.55, 0.44, v)
@@ -60,11 +60,11 @@ def corrugated(rng: Random, colour: Colour) -> Texture:
     return make_texture(rgb * (1 - 0.4 * laps)[..., None], ribs, 0.7 - 0.6 * rust)
 
 
-def netting(rng: Random, colour: Colour, count: int = 9) -> Texture:
+def netting(rng: Random, colour: Colour) -> Texture:
     """Fishing net: diamonds of twine, slightly distorted; the rest of the texture is a hole."""
     u, v = coordinates()
     sway = 0.035 * (fractal(rng, 1.6) - 0.5)
-    diagonal_1, diagonal_2 = (u + v + sway) * count % 1, (u - v + sway) * count % 1
+    diagonal_1, diagonal_2 = (u + v + sway) * 9 % 1, (u - v + sway) * 9 % 1
     twine = np.maximum(
         step(0.12, 0.08, np.minimum(diagonal_1, 1 - diagonal_1)),
         step(0.12, 0.08, np.minimum(diagonal_2, 1 - diagonal_2)),
@@ -106,8 +106,8 @@ def ashlar(rng: Random, colour: Colour) -> Texture:
     return make_texture(rgb * (0.45 + 0.55 * stone)[..., None], 0.7 * stone + 0.3 * fractal(rng, 0.5), 0.2)
 
 
-def needles(rng: Random, colour: Colour, count: int = 150) -> Texture:
-    """Pine needles: thin strokes along seven twigs; the rest of the texture is a hole."""
+def needles(rng: Random, colour: Colour) -> Texture:
+    """Pine needles: 21 thin strokes along each of seven twigs; the rest of the texture is a hole."""
     mask_image = Image.new("L", (SIDE, SIDE))
     tone_image = Image.new("L", (SIDE, SIDE))
     mask_draw, tone_draw = ImageDraw.Draw(mask_image), ImageDraw.Draw(tone_image)
@@ -116,7 +116,7 @@ def needles(rng: Random, colour: Colour, count: int = 150) -> Texture:
         direction = rng.normal(size=2)
         direction *= rng.uniform(0.2, 0.38) * SIDE / np.hypot(*direction)
         mask_draw.line((*start, *(start + direction)), fill=255, width=5)
-        for t in rng.random(count // 7):
+        for t in rng.random(21):
             root = start + t * direction
             angle = np.arctan2(direction[1], direction[0]) + rng.choice([-1, 1]) * rng.uniform(0.3, 1.0)
             tip = root + rng.uniform(0.05, 0.1) * SIDE * np.array([np.cos(angle), np.sin(angle)])
@@ -130,10 +130,8 @@ def needles(rng: Random, colour: Colour, count: int = 150) -> Texture:
 
 def registration(rng: Random) -> Texture:
     """Painted board with a boat's registration letters and number, and its home port below."""
-    background, text_colour = (
-        random_muted_colour(rng, (0.0, 0.5), (0.1, 0.35)),
-        random_muted_colour(rng, (0.0, 0.15), (0.8, 0.95)),
-    )
+    background = random_muted_colour(rng, (0.0, 0.5), (0.1, 0.35))
+    text_colour = random_muted_colour(rng, (0.0, 0.15), (0.8, 0.95))
     image = Image.new("RGB", (SIDE, SIDE), tuple(round(255 * c) for c in background))
     draw = ImageDraw.Draw(image)
     fill = tuple(round(255 * c) for c in text_colour)

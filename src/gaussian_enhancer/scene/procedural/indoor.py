@@ -1,5 +1,7 @@
 """`indoor`: a furnished room, photographed from inside, as in Deep Blending."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from gaussian_enhancer.scene.procedural import furniture, nature, shapes
@@ -29,8 +31,7 @@ def draft_indoor(seed: int) -> Draft:
     draft.lights.clear()
     draft.haze = 0.0
     # The ground colour of the sky approximates light that the room's surfaces reflect.
-    sky = draft.sky
-    draft.sky = SkySpec(sky.zenith, sky.horizon, (0.42, 0.37, 0.31), sky.cloud_texture, sky.sun)
+    draft.sky = replace(draft.sky, ground=(0.42, 0.37, 0.31))
     sun_direction = np.array([rng.uniform(-0.4, 0.4), 1.0, rng.uniform(0.45, 0.9)])
     draft.lights.append(
         LightSpec(tuple(sun_direction / np.linalg.norm(sun_direction) * 540), (0, 0, 1.0), 5.0, (2.6, 2.3, 1.9))
@@ -46,11 +47,9 @@ def _shell(p: Palette, x: float, y: float, h: float) -> None:
     """Floor, ceiling, walls and skirting boards, windows in the wall at +y, and the view outside."""
     rng, a, b = p.draft.rng, x / 2, y / 2
     floor = shapes.terrain(np.linspace(-a, a, 12), np.linspace(-b, b, 12), lambda u, v: 0 * u)
-    p.draft.add(floor, p(str(rng.choice(["wood", "tiles", "wood"]))), casts=False)
-    p.draft.add(
-        shapes.terrain(np.linspace(-a, a, 6), np.linspace(-b, b, 6), lambda u, v: h + 0 * u),
-        p("plaster 2"),
-        casts=False,
+    p.add(floor, rng.choice(["wood", "tiles", "wood"]), casts=False)
+    p.add(
+        shapes.terrain(np.linspace(-a, a, 6), np.linspace(-b, b, 6), lambda u, v: h + 0 * u), "plaster 2", casts=False
     )
     walls = p(str(rng.choice(["plaster", "plaster", "cloth 6"])))
     feature_wall = p(str(rng.choice(["brick", "plaster 3", "wood 5"])))
@@ -67,10 +66,10 @@ def _shell(p: Palette, x: float, y: float, h: float) -> None:
         _window(p, c, b, window_width, sill_height, window_top, h, walls)
     skirting = [shapes.box((x, 0.02, 0.1)).transform((0, s * (b - 0.01), 0)) for s in (-1, 1)]
     skirting += [shapes.box((0.02, y, 0.1)).transform((s * (a - 0.01), 0, 0)) for s in (-1, 1)]
-    p.draft.add(join_parts(skirting), p("plaster 4"), casts=False)
-    p.draft.add(
+    p.add(join_parts(skirting), "plaster 4", casts=False)
+    p.add(
         shapes.terrain(np.linspace(-60, 60, 5), np.linspace(b + 0.5, 90, 5), lambda u, v: -1.0 + 0 * u),
-        p("turf"),
+        "turf",
         casts=False,
     )
     nature.house(p, (rng.uniform(-8, 8), b + 25, -1), 0.2, (12, 8, 7), "brick 3")
@@ -87,8 +86,8 @@ def _window(p: Palette, c: float, b: float, wide: float, low: float, high: float
     frame += [shapes.box((wide + 0.06, 0.12, 0.06)).transform((c, b, z)) for z in (low, high - 0.06)]
     frame += [shapes.box((0.03, 0.04, high - low)).transform((c + t * wide, b, low)) for t in (-0.17, 0.17)]
     frame += [shapes.box((wide, 0.04, 0.025)).transform((c, b, low + t * (high - low))) for t in (0.33, 0.66)]
-    p.draft.add(join_parts(frame), p("plaster 4"))
-    p.draft.add(shapes.box((wide + 0.2, 0.24, 0.03)).transform((c, b - 0.1, low - 0.03)), p("marble"))
+    p.add(join_parts(frame), "plaster 4")
+    p.add(shapes.box((wide + 0.2, 0.24, 0.03)).transform((c, b - 0.1, low - 0.03)), "marble")
     cloth = p("cloth 2")
     for s in (-1, 1):
         width = wide * rng.uniform(0.22, 0.4)
@@ -96,15 +95,15 @@ def _window(p: Palette, c: float, b: float, wide: float, low: float, high: float
         p.draft.add(
             shapes.curtain(width, high + 0.05, int(rng.integers(4, 8)), 0.045).transform((left, b - 0.16, 0.03)), cloth
         )
-    p.draft.add(
+    p.add(
         shapes.rod((c - wide / 2 - 0.25, b - 0.16, high + 0.09), (c + wide / 2 + 0.25, b - 0.16, high + 0.09), 0.012),
-        p("chrome"),
+        "chrome",
     )
     ribs = [
         shapes.rod((c + u, b - 0.08, 0.12), (c + u, b - 0.08, max(0.3, low - 0.1)), 0.018, 8)
         for u in np.arange(-wide * 0.4, wide * 0.4, 0.05)
     ]
-    p.draft.add(join_parts(ribs), p("paint 2"))
+    p.add(join_parts(ribs), "paint 2")
     if rng.random() < 0.6:
         furniture.potted(p, (c + rng.uniform(-0.3, 0.3), b - 0.1, low), rng.uniform(0.3, 0.45))
 
@@ -113,9 +112,9 @@ def _lamp(p: Palette, h: float) -> None:
     """Lamp on a cord; it is the second light of the scene."""
     rng = p.draft.rng
     x, y, z = rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5), h - rng.uniform(0.55, 0.8)
-    p.draft.add(shapes.rod((x, y, z + 0.1), (x, y, h), 0.006), p("rubber"), casts=False)
+    p.add(shapes.rod((x, y, z + 0.1), (x, y, h), 0.006), "rubber", casts=False)
     shade = np.array([[rng.uniform(0.2, 0.28), 0.0], [rng.uniform(0.08, 0.2), 0.24]])
-    p.draft.add(shapes.lathe(shade, 36).transform((x, y, z - 0.1)), p("lamp"), casts=False)
+    p.add(shapes.lathe(shade, 36).transform((x, y, z - 0.1)), "lamp", casts=False)
     strength = rng.uniform(0.6, 1.0)
     colour = (1.0 * strength, 0.83 * strength, 0.6 * strength)
     p.draft.lights.append(LightSpec((x, y, z), (x, y, 0.0), z * 2.6, colour, local=True, side=1024))
@@ -124,11 +123,11 @@ def _lamp(p: Palette, h: float) -> None:
 def _arrange(p: Palette, x: float, y: float) -> None:
     """Furniture along the walls, and a table in the middle."""
     rng, a, b = p.draft.rng, x / 2, y / 2
-    p.draft.add(
+    p.add(
         shapes.terrain(np.linspace(-1.3, 1.3, 8), np.linspace(-0.95, 0.95, 8), lambda u, v: 0.008 + 0 * u).transform(
             (0, 0, 0), yaw=rng.normal() * 0.15
         ),
-        p("cloth"),
+        "cloth",
         casts=False,
     )
     is_dining_table = rng.random() < 0.5
@@ -154,9 +153,9 @@ def _arrange(p: Palette, x: float, y: float) -> None:
     furniture.lattice(p, (a - 0.05, -b + 1.3, 0.9), np.pi / 2, (0.8, 0.9), 0.1, 0.005, "chrome")
     for k in range(3):
         at = rng.uniform((-a + 0.9, -b + 1.2), (a - 0.9, b - 0.9))
-        p.draft.add(
+        p.add(
             shapes.wire((*at, 0.01), (at[0] + rng.normal(), at[1] + rng.normal() * 0.5, 0.01), -0.01 * k, 0.006),
-            p("rubber"),
+            "rubber",
         )
 
 
@@ -176,5 +175,5 @@ def _pictures(p: Palette, x: float, y: float) -> None:
                 ((t + w, -b + 0.02, z - h), (t + w, -b + 0.02, z)),
             )
         ]
-        p.draft.add(join_parts(frame), p("wood 4" if k % 2 else "chrome"))
+        p.add(join_parts(frame), "wood 4" if k % 2 else "chrome")
         furniture.flat_print(p, f"{name} {k}", (t, -b + 0.008, z), (w, 0, 0), (0, 0, -h))

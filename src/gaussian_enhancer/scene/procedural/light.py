@@ -26,6 +26,13 @@ from gaussian_enhancer.types import Camera
 
 _SH0, _SH1 = 0.28209479, 0.48860251
 _FAR = 60.0
+"""Distance of the cameras of `bake_ambient` from the volume's centre, in radii of the volume."""
+_VOXELS = 56
+"""Voxels of ambient light along the longest side of the volume."""
+_DIRECTIONS = 40
+"""Directions of ambient light, distributed evenly over the sphere."""
+_MAP_SIDE = 128
+"""Side in pixels of the depth map from each of these directions."""
 
 
 def look_at(eye: Float[Tensor, " 3"], target: Float[Tensor, " 3"], focal: float, height: int, width: int) -> Camera:
@@ -85,7 +92,7 @@ class Light:
         z = homogeneous[:, 2].clamp_min(1e-3)
         position = (homogeneous[:, :2] / z[:, None]).float() - 0.5
         depth_bias = 0.004 * self.spec.radius if not self.spec.local else 0.02
-        inverse_depth = (1 / (z - depth_bias).clamp_min(1e-3)).float()
+        point_inverse_depth = (1 / (z - depth_bias).clamp_min(1e-3)).float()
         corner = position.floor()
         u, v = (position - corner).unbind(1)
         x, y = corner.long().unbind(1)
@@ -96,7 +103,7 @@ class Light:
         weights_x, weights_y = (1 - u, 1, 1, u), (1 - v, 1, 1, v)
         for j in range(4):
             for i in range(4):
-                unoccluded = flat_shadow[(y + j - 1) * side + x + (i - 1)] <= inverse_depth
+                unoccluded = flat_shadow[(y + j - 1) * side + x + (i - 1)] <= point_inverse_depth
                 lit_sum = lit_sum + unoccluded * (weights_x[i] * weights_y[j] / 9)
         return torch.where(inside, lit_sum, torch.ones_like(lit_sum))
 
@@ -188,12 +195,8 @@ def bake_ambient(
     sky: Sky,
     atlas: Atlas,
     corners: tuple[Vector, Vector],
-    *,
-    resolution: int = 56,
-    directions: int = 40,
-    side: int = 128,
 ) -> Ambient:
-    """Bake ambient light: sum the unoccluded light from `directions` directions in every voxel.
+    """Bake ambient light: sum the unoccluded light from `_DIRECTIONS` directions in every voxel.
 
     Args:
         mesh: faces of the world.
@@ -201,14 +204,11 @@ def bake_ambient(
         sky: source of the light.
         atlas: atlas of the world's textures.
         corners: lower and upper corner of the volume, metres.
-        resolution: number of voxels along the longest side.
-        directions: number of directions, distributed evenly over the sphere.
-        side: side in pixels of the depth map from each direction.
     """
     device = mesh.corners.device
     lower, upper = (torch.tensor(corner, device=device) for corner in corners)
     extent = upper - lower
-    counts = (extent / extent.max() * resolution).ceil().long().clamp_min(8).tolist()
+    counts = (extent / extent.max() * _VOXELS).ceil().long().clamp_min(8).tolist()
     axes = [
         (torch.arange(n, device=device) + 0.5) / n * float(e) + float(o)
         for n, e, o in zip(counts, extent, lower, strict=True)
@@ -216,17 +216,17 @@ def bake_ambient(
     z, y, x = torch.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
     points = torch.stack([x, y, z], dim=-1).view(-1, 3)
     centre, radius = (lower + upper).cpu() / 2, float(extent.norm()) / 2
-    index = torch.arange(directions, dtype=torch.float64) + 0.5
-    heights, azimuths = 1 - 2 * index / directions, torch.pi * (1 + 5**0.5) * index
+    index = torch.arange(_DIRECTIONS, dtype=torch.float64) + 0.5
+    heights, azimuths = 1 - 2 * index / _DIRECTIONS, torch.pi * (1 + 5**0.5) * index
     ring_radii = (1 - heights**2).sqrt()
     unit_directions = torch.stack([ring_radii * azimuths.cos(), ring_radii * azimuths.sin(), heights], dim=1).float()
     volume = torch.zeros(len(points), 4, 3, device=device)
     for direction in unit_directions:
-        camera = look_at(centre + direction * radius * _FAR, centre, 0.5 * side * _FAR, side, side)
+        camera = look_at(centre + direction * radius * _FAR, centre, 0.5 * _MAP_SIDE * _FAR, _MAP_SIDE, _MAP_SIDE)
         shadow = inverse_depth(mesh, camera, keep, casting=True)
-        lit = _visible(points, camera, shadow, radius * 2.0 / side)
+        lit = _visible(points, camera, shadow, radius * 2.0 / _MAP_SIDE)
         ray = direction.to(device)
-        radiance = sky.radiance(ray[None], atlas, 0.1, sharp=False) * (4 * torch.pi / directions)
+        radiance = sky.radiance(ray[None], atlas, 0.1, sharp=False) * (4 * torch.pi / _DIRECTIONS)
         basis = torch.cat([ray.new_tensor([_SH0]), _SH1 * ray])
         volume += lit[:, None, None] * basis[None, :, None] * radiance[:, None, :]
     shape = (counts[2], counts[1], counts[0])
@@ -240,6 +240,7 @@ def _homogeneous_pixels(points: Float[Tensor, "m 3"], camera: Camera) -> Float[T
 
 
 def _visible(points: Tensor, camera: Camera, shadow: Tensor, slack: float) -> Tensor:
+    """Which points (1 or 0) lie at most `slack` metres behind the nearest surface in a shadow map of 1/z."""
     homogeneous = _homogeneous_pixels(points, camera)
     z = homogeneous[:, 2]
     x, y = (homogeneous[:, :2] / z[:, None]).long().unbind(1)

@@ -34,11 +34,11 @@ def tree(p: Palette, at: Vector, height: float, cards: int, kind: str = "") -> N
             wood.append(shapes.tube(twig, thickness * 0.22 * (1 - 0.8 * t[:, 0]), 4))
             ends.extend(twig[3:])
         ends.extend(branch[3:])
-    p.draft.add(join_parts(wood).transform(at), p("bark"))
+    p.add(join_parts(wood).transform(at), "bark")
     centres = np.array(ends)[rng.integers(0, len(ends), cards)]
     centres = centres + rng.normal(size=(cards, 3)) * height * np.array([0.075, 0.075, 0.055])
     size = max(0.4, height * 0.15)
-    p.draft.add(shapes.cards(rng, centres, size).transform(at), p(f"leaves{kind}"))
+    p.add(shapes.cards(rng, centres, size).transform(at), f"leaves{kind}")
 
 
 def bush(p: Palette, at: Vector, radius: float, cards: int) -> None:
@@ -48,16 +48,16 @@ def bush(p: Palette, at: Vector, radius: float, cards: int) -> None:
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     centres = direction * np.array([1, 1, 0.8]) * radius * rng.uniform(0.7, 1.0, (cards, 1))
     centres[:, 2] = np.abs(centres[:, 2])
-    p.draft.add(shapes.cards(rng, centres, 0.42 * radius + 0.12, 0.9).transform(at), p("leaves 2"))
-    p.draft.add(shapes.ellipsoid((0.75 * radius, 0.75 * radius, 0.6 * radius)).transform(at), p("foliage"))
+    p.add(shapes.cards(rng, centres, 0.42 * radius + 0.12, 0.9).transform(at), "leaves 2")
+    p.add(shapes.ellipsoid((0.75 * radius, 0.75 * radius, 0.6 * radius)).transform(at), "foliage")
 
 
 def stone(p: Palette, at: Vector, size: float) -> None:
     """A boulder."""
     rng = p.draft.rng
     radii = size * rng.uniform(0.5, 1.0, 3)
-    part = shapes.ellipsoid((radii[0], radii[1], radii[2] * 0.8), 26, rng.normal(size=(7, 3)) * 3.0)
-    p.draft.add(part.transform(at, yaw=rng.uniform(0, 6.3)), p("concrete 2"))
+    boulder = shapes.ellipsoid((radii[0], radii[1], radii[2] * 0.8), 26, rng.normal(size=(7, 3)) * 3.0)
+    p.add(boulder.transform(at, yaw=rng.uniform(0, 6.3)), "concrete 2")
 
 
 def grass(p: Palette, count: int, inner: float, outer: float, height: float) -> None:
@@ -69,21 +69,21 @@ def grass(p: Palette, count: int, inner: float, outer: float, height: float) -> 
     tuft = rng.integers(0, tufts, count)
     xy = np.stack([r * np.cos(a), r * np.sin(a)], axis=1)[tuft] + rng.normal(size=(count, 2)) * 0.07
     roots = np.concatenate([xy, np.full((count, 1), -0.01)], axis=1)
-    p.draft.add(shapes.blades(rng, roots, height, 0.012), p("blades"), casts=False)
+    p.add(shapes.blades(rng, roots, height, 0.012), "blades", casts=False)
 
 
 def hills(p: Palette, distance: float, height: float, material: str) -> None:
     """Closed ring of hills about the origin, from `distance` to 1.5 times that."""
     angle = np.linspace(0, 2 * np.pi, 181)
     crest = np.maximum(height * (0.75 + 0.5 * wavy(p.draft.rng, angle, (2, 3, 5, 8, 13, 21, 34))), 0.15 * height)
-    part = shapes.hillside(angle, crest, distance * (1 + 0.5 * np.linspace(0, 1, 9)), -2.0)
-    p.draft.add(part, p(material), casts=False)
+    ring = shapes.hillside(angle, crest, distance * (1 + 0.5 * np.linspace(0, 1, 9)), -2.0)
+    p.add(ring, material, casts=False)
 
 
 def house(p: Palette, at: Vector, yaw: float, size: Vector, wall: str) -> None:
     """House for the background: walls, rows of framed windows, a gable roof."""
     x, y, h = size
-    parts, panes, frames = [shapes.box(size)], [], []
+    panes, frames = [], []
     for side, width, turn in ((y / 2, x, 0.0), (x / 2, y, np.pi / 2), (y / 2, x, np.pi), (x / 2, y, -np.pi / 2)):
         for k in range(max(1, int(width / 2.4))):
             for level in range(max(1, int(h / 2.9))):
@@ -103,9 +103,9 @@ def house(p: Palette, at: Vector, yaw: float, size: Vector, wall: str) -> None:
                         (0, 1.0, 0.05, 1.4),
                     )
                 ]
-    p.draft.add(join_parts(parts).transform(at, yaw=yaw), p(wall))
-    p.draft.add(join_parts(panes).transform(at, yaw=yaw), p("glass"))
-    p.draft.add(join_parts(frames).transform(at, yaw=yaw), p("plaster 3"))
+    p.add(shapes.box(size).transform(at, yaw=yaw), wall)
+    p.add(join_parts(panes).transform(at, yaw=yaw), "glass")
+    p.add(join_parts(frames).transform(at, yaw=yaw), "plaster 3")
     ridge_height, overhang = h + 0.45 * y, 0.4
     slopes = [
         shapes.quad(
@@ -115,20 +115,17 @@ def house(p: Palette, at: Vector, yaw: float, size: Vector, wall: str) -> None:
         )
         for s in (-1, 1)
     ]
-    p.draft.add(join_parts(slopes).transform(at, yaw=yaw), p("tiles 3"))
+    p.add(join_parts(slopes).transform(at, yaw=yaw), "tiles 3")
     gables = [
         shapes.triangle((s * x / 2, -y / 2, h), (s * x / 2, y / 2, h), (s * x / 2, 0, ridge_height)) for s in (-1, 1)
     ]
-    p.draft.add(join_parts(gables).transform(at, yaw=yaw), p(wall))
+    p.add(join_parts(gables).transform(at, yaw=yaw), wall)
 
 
 def lamp_post(p: Palette, at: Vector, height: float) -> None:
     """Thin lamp post with an arm."""
     profile = np.array([[0.09, 0], [0.09, 0.25], [0.05, 0.3], [0.035, height]])
     arm = np.array([[0, 0, height], [0.1, 0, height + 0.2], [0.5, 0, height + 0.3], [0.9, 0, height + 0.25]])
-    parts = [
-        shapes.lathe(profile, 14),
-        shapes.tube(arm, 0.025, 8),
-        shapes.ellipsoid((0.22, 0.1, 0.06)).transform((0.95, 0, height + 0.23)),
-    ]
-    p.draft.add(join_parts(parts).transform(at, yaw=p.draft.rng.uniform(0, 6.3)), p("iron"))
+    lamp = shapes.ellipsoid((0.22, 0.1, 0.06)).transform((0.95, 0, height + 0.23))
+    parts = [shapes.lathe(profile, 14), shapes.tube(arm, 0.025, 8), lamp]
+    p.add(join_parts(parts).transform(at, yaw=p.draft.rng.uniform(0, 6.3)), "iron")

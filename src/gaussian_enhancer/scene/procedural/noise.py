@@ -16,21 +16,21 @@ def fractal(
     rng: np.random.Generator,
     beta: float = 1.0,
     stretch: tuple[float, float] = (1.0, 1.0),
-    low: float = 1.0,
     side: int = SIDE,
 ) -> Float[np.ndarray, "t t"]:
     """Noise whose amplitude falls as 1/frequency^beta, with mean 0.5 and standard deviation about 0.2, in [0, 1].
+
+    The spectrum is flat below one cycle per repeat.
 
     Args:
         rng: random number generator.
         beta: exponent of the amplitude spectrum; about 1 for photos.
         stretch: stretching of the noise along u and v.
-        low: frequency in cycles per repeat below which the spectrum is flat.
         side: side of the texture in texels.
     """
     fv = np.fft.fftfreq(side, 1 / side)[:, None] * stretch[1]
     fu = np.fft.rfftfreq(side, 1 / side)[None] * stretch[0]
-    amplitude = (np.maximum(np.hypot(fu, fv), low) ** -beta).astype(np.float32)
+    amplitude = (np.maximum(np.hypot(fu, fv), 1.0) ** -beta).astype(np.float32)
     gaussian_noise = rng.standard_normal((side, side // 2 + 1, 2), dtype=np.float32)
     spectrum = (gaussian_noise[..., 0] + 1j * gaussian_noise[..., 1]) * amplitude
     spectrum[0, 0] = 0
@@ -39,16 +39,19 @@ def fractal(
 
 
 def worley_noise(
-    rng: np.random.Generator, grid: int, jitter: float = 0.9, side: int = SIDE
+    rng: np.random.Generator, grid: int, jitter: float = 0.9
 ) -> tuple[Float[np.ndarray, "t t"], Float[np.ndarray, "t t"], Float[np.ndarray, "t t"]]:
-    """Worley noise: distance to the nearest point, how much farther the second is, and a random value per cell."""
+    """Worley noise of `grid` x `grid` cells: distance to the nearest point, how much farther the second is, cell value.
+
+    Distances are in cells. `jitter` is the side of the square in which each cell's point is drawn, in cells.
+    """
     points = (0.5 + jitter * (rng.random((grid, grid, 2)) - 0.5)).astype(np.float32)
     values = rng.random((grid, grid))
-    axis = np.arange(side, dtype=np.float32) * grid / side
+    axis = np.arange(SIDE, dtype=np.float32) * grid / SIDE
     v, u = np.meshgrid(axis, axis, indexing="ij")
     cell_v, cell_u = v.astype(int), u.astype(int)
-    nearest, second_nearest = np.full((side, side), 9.0, np.float32), np.full((side, side), 9.0, np.float32)
-    value = np.zeros((side, side))
+    nearest, second_nearest = np.full((SIDE, SIDE), 9.0, np.float32), np.full((SIDE, SIDE), 9.0, np.float32)
+    value = np.zeros((SIDE, SIDE))
     for dv in (-1, 0, 1):
         for du in (-1, 0, 1):
             gv, gu = (cell_v + dv) % grid, (cell_u + du) % grid

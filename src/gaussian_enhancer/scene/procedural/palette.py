@@ -7,7 +7,9 @@ from collections.abc import Callable, Mapping
 
 from gaussian_enhancer.scene.procedural import printed_textures as printed
 from gaussian_enhancer.scene.procedural import textures
+from gaussian_enhancer.scene.procedural.atlas import Texture
 from gaussian_enhancer.scene.procedural.draft import Draft
+from gaussian_enhancer.scene.procedural.mesh import SurfacePart
 from gaussian_enhancer.scene.procedural.noise import random_earth_colour, random_muted_colour, random_plant_colour
 
 Recipes = Mapping[str, Callable[[Draft], int]]
@@ -24,13 +26,17 @@ class Palette:
     def __init__(self, draft: Draft, recipes: Recipes | None = None) -> None:
         self.draft = draft
         self.recipes = _RECIPES if recipes is None else recipes
-        self._known: dict[str, int] = {}
+        self._indices: dict[str, int] = {}
 
     def __call__(self, name: str) -> int:
         """Return the index of the material of a name, such as "wood" or "wood 2" (another wood)."""
-        if name not in self._known:
-            self._known[name] = self.recipes[name.split(" ")[0]](self.draft)
-        return self._known[name]
+        if name not in self._indices:
+            self._indices[name] = self.recipes[name.split(" ")[0]](self.draft)
+        return self._indices[name]
+
+    def add(self, part: SurfacePart, material: str, *, casts: bool = True) -> None:
+        """Add a placed part to the draft, with the material of a name."""
+        self.draft.add(part, self(material), casts=casts)
 
 
 def _wood(d: Draft) -> int:
@@ -50,7 +56,7 @@ def _brick(d: Draft) -> int:
     colour = d.pick(
         random_muted_colour(d.rng, (0.35, 0.6), (0.4, 0.65), (0.0, 0.06)), random_earth_colour(d.rng, (0.5, 0.75))
     )
-    texture = textures.brick(d.rng, colour, random_earth_colour(d.rng, (0.5, 0.75)), int(d.rng.choice([10, 12, 14])))  # type: ignore[arg-type]
+    texture = textures.brick(d.rng, colour, random_earth_colour(d.rng, (0.5, 0.75)), int(d.rng.choice([10, 12, 14])))
     return d.material(texture, d.rng.uniform(0.9, 1.3), relief=0.012)
 
 
@@ -101,17 +107,15 @@ def _turf(d: Draft) -> int:
 
 
 def _tiles(d: Draft) -> int:
-    light, dark = (
-        random_muted_colour(d.rng, (0.02, 0.2), (0.6, 0.85)),
-        random_muted_colour(d.rng, (0.1, 0.45), (0.25, 0.6)),
-    )
-    pattern = str(d.rng.choice(["checks", "plain", "ornament"]))
+    light = random_muted_colour(d.rng, (0.02, 0.2), (0.6, 0.85))
+    dark = random_muted_colour(d.rng, (0.1, 0.45), (0.25, 0.6))
+    pattern = d.rng.choice(["checks", "plain", "ornament"])
     texture = textures.tiles(d.rng, light, dark, int(d.rng.integers(4, 8)), pattern)
     return d.material(texture, d.rng.uniform(1.0, 2.0), reflectance=0.05, roughness=0.25, relief=0.006)
 
 
 def _cloth(d: Draft) -> int:
-    pattern = str(d.rng.choice(["plaid", "stripes", "dots", "plain"]))
+    pattern = d.rng.choice(["plaid", "stripes", "dots", "plain"])
     texture = textures.cloth(
         d.rng,
         random_muted_colour(d.rng),
@@ -133,11 +137,9 @@ def _marble(d: Draft) -> int:
 
 
 def _glaze(d: Draft) -> int:
-    first, second = (
-        random_muted_colour(d.rng, (0.2, 0.6), (0.2, 0.75)),
-        random_muted_colour(d.rng, (0.1, 0.4), (0.5, 0.85)),
-    )
-    texture = textures.tiles(d.rng, first, second, 4, str(d.rng.choice(["ornament", "checks"])))
+    dark = random_muted_colour(d.rng, (0.2, 0.6), (0.2, 0.75))
+    light = random_muted_colour(d.rng, (0.1, 0.4), (0.5, 0.85))
+    texture = textures.tiles(d.rng, dark, light, 4, d.rng.choice(["ornament", "checks"]))
     return d.material(texture, d.rng.uniform(0.25, 0.5), reflectance=0.06, roughness=0.12, relief=0.001, detail=0.15)
 
 
@@ -186,7 +188,7 @@ def _leaves(d: Draft, size: float = 0.5) -> int:
         random_plant_colour(d.rng),
         random_muted_colour(d.rng, (0.4, 0.65), (0.35, 0.6), (0.05, 0.14)),
     )
-    texture = textures.leaves(d.rng, colour, int(d.rng.integers(34, 60)), d.rng.uniform(0.2, 0.5))  # type: ignore[arg-type]
+    texture = textures.leaves(d.rng, colour, int(d.rng.integers(34, 60)), d.rng.uniform(0.2, 0.5))
     return d.material(texture, size, reflectance=0.04, roughness=0.45, relief=0.002, translucency=0.35, detail=0.2)
 
 
@@ -195,8 +197,9 @@ def _blades(d: Draft) -> int:
     return d.material(texture, 1.5, relief=0.0, translucency=0.35, reflectance=0.03)
 
 
-def _sheet(kind: Callable) -> Callable[[Draft], int]:
-    return lambda d: d.material(kind(d.rng), 1.0, reflectance=0.03, roughness=0.4, relief=0.0, detail=0.08, dirt=0.2)
+def _print(paint: Callable[[textures.Random], Texture]) -> Callable[[Draft], int]:
+    """Make a recipe of printed paper."""
+    return lambda d: d.material(paint(d.rng), 1.0, reflectance=0.03, roughness=0.4, relief=0.0, detail=0.08, dirt=0.2)
 
 
 def _lamp(d: Draft) -> int:
@@ -210,6 +213,6 @@ _RECIPES: Recipes = {
     "glaze": _glaze, "paint": _paint, "chrome": _chrome, "iron": _iron, "rubber": _rubber, "glass": _glass,
     "bark": _bark, "foliage": _foliage, "blades": _blades, "lamp": _lamp,
     "leaves": _leaves, "sprig": lambda d: _leaves(d, 0.16),
-    "page": _sheet(printed.page), "poster": _sheet(printed.poster), "sign": _sheet(printed.sign),
-    "spines": _sheet(printed.spines),
+    "page": _print(printed.page), "poster": _print(printed.poster), "sign": _print(printed.sign),
+    "spines": _print(printed.spines),
 }  # fmt: skip

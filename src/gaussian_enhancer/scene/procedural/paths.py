@@ -12,24 +12,21 @@ from gaussian_enhancer.scene.procedural.vector import Vector
 CameraPositions = tuple[Float[np.ndarray, "c 3"], Float[np.ndarray, "c 3"]]
 
 
-def orbit(
-    seed: int, target: Vector, radius: float, heights: tuple[float, float], turns: float = 1.0, wander: float = 0.12
-) -> CameraPath:
-    """Path round a subject whose height varies sinusoidally, with random hand-held motion.
+def orbit(seed: int, target: Vector, radius: float, heights: tuple[float, float]) -> CameraPath:
+    """Path of one turn round a subject, whose height varies sinusoidally, with random hand-held motion.
 
     Args:
         seed: seed of the random numbers.
         target: point that the cameras look at.
         radius: mean horizontal distance from the target, metres.
         heights: lowest and highest camera, metres.
-        turns: full turns round the target.
-        wander: scale of the random motion of camera and target, metres.
     """
+    wander = 0.12  # scale of the random motion of camera and target, metres
 
     def path(views: int) -> CameraPositions:
         rng = np.random.default_rng([seed, views, 1])
         t = np.arange(views) / views
-        angle = 2 * np.pi * (turns * t + rng.uniform())
+        angle = 2 * np.pi * (t + rng.uniform())
         radii = (
             radius * (1 + 0.08 * np.sin(4 * np.pi * t + rng.uniform(0, 6.3))) + wander * rng.normal(size=views) * 0.5
         )
@@ -58,7 +55,7 @@ def hemisphere(seed: int, target: Vector, radius: float) -> CameraPath:
     return path
 
 
-def walk(seed: int, start: Vector, end: Vector, aim: tuple[Vector, Vector], sway: float = 0.25) -> CameraPath:
+def walk(seed: int, start: Vector, end: Vector, aim: tuple[Vector, Vector]) -> CameraPath:
     """Path along a line and back at another height and 1.1 m aside, looking at a point that moves along `aim`."""
 
     def path(views: int) -> CameraPositions:
@@ -68,7 +65,7 @@ def walk(seed: int, start: Vector, end: Vector, aim: tuple[Vector, Vector], sway
         eye = np.asarray(start) * (1 - fraction) + np.asarray(end) * fraction
         returning = (t > 0.5).astype(float)
         eye = eye + np.stack(
-            [0 * t, -1.1 * returning + sway * np.sin(9 * t), 0.45 * returning + 0.1 * np.sin(14 * t)], axis=1
+            [0 * t, -1.1 * returning + 0.25 * np.sin(9 * t), 0.45 * returning + 0.1 * np.sin(14 * t)], axis=1
         )
         targets = np.asarray(aim[0]) * (1 - fraction) + np.asarray(aim[1]) * fraction
         return eye + 0.03 * rng.normal(size=eye.shape), targets + 0.25 * rng.normal(size=eye.shape) * [1, 1, 0.5]

@@ -52,10 +52,8 @@ def _paragraph(
 
 def page(rng: np.random.Generator) -> Texture:
     """Newspaper page: a title and three columns, each with a headline, small print and a grey picture."""
-    paper, ink = (
-        random_muted_colour(rng, (0.02, 0.12), (0.8, 0.92), (0.08, 0.16)),
-        random_muted_colour(rng, (0.0, 0.2), (0.08, 0.2)),
-    )
+    paper = random_muted_colour(rng, (0.02, 0.12), (0.8, 0.92), (0.08, 0.16))
+    ink = random_muted_colour(rng, (0.0, 0.2), (0.08, 0.2))
     image = Image.new("RGB", (PRINT_SIDE, PRINT_SIDE), _rgb(paper))
     draw = ImageDraw.Draw(image)
     draw.text((40, 24), _words(rng, 2).upper(), fill=_rgb(ink), font=ImageFont.load_default(90))
@@ -73,11 +71,9 @@ def page(rng: np.random.Generator) -> Texture:
 
 def poster(rng: np.random.Generator) -> Texture:
     """Poster: shapes on a plain background, three large words, and small print below."""
-    background, line_colour, ink = (
-        random_muted_colour(rng),
-        random_muted_colour(rng, value=(0.4, 0.85)),
-        random_muted_colour(rng, (0.05, 0.3), (0.08, 0.9)),
-    )
+    background = random_muted_colour(rng)
+    line_colour = random_muted_colour(rng, value=(0.4, 0.85))
+    ink = random_muted_colour(rng, (0.05, 0.3), (0.08, 0.9))
     image = Image.new("RGB", (PRINT_SIDE, PRINT_SIDE), _rgb(background))
     draw = ImageDraw.Draw(image)
     for _ in range(int(rng.integers(4, 12))):

@@ -71,10 +71,10 @@ def project(corners: Float[Tensor, "f 3 3"], camera: Camera) -> ProjectedFaces:
 
 
 def sample_positions(
-    grid: SampleGrid, width: int, first: int, last: int, device: torch.device
+    grid: SampleGrid, width: int, first_row: int, end_row: int, device: torch.device
 ) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
-    """Pixel coordinates x and y of all samples in sample rows `first` to `last` - 1, row by row."""
-    row = torch.arange(first, last, device=device, dtype=torch.float64)
+    """Pixel coordinates x and y of all samples in sample rows `first_row` to `end_row` - 1, row by row."""
+    row = torch.arange(first_row, end_row, device=device, dtype=torch.float64)
     column = torch.arange(width * grid.columns, device=device, dtype=torch.float64)
     x = (column[None] + _shift(row, grid)[:, None]) / grid.columns
     y = ((row + 0.5) / grid.rows)[:, None].expand_as(x)
@@ -88,7 +88,7 @@ def _shift(row: Tensor, grid: SampleGrid) -> Tensor:
 def barycentric(
     edges: Float[Tensor, "n 3 3"], x: Float[Tensor, " n"], y: Float[Tensor, " n"]
 ) -> tuple[Float[Tensor, "n 3"], Float[Tensor, " n"]]:
-    """Barycentric coordinates and z at which samples hit their faces, from the faces' `Projected.edges`."""
+    """Barycentric coordinates and z at which samples hit their faces, from the faces' `ProjectedFaces.edges`."""
     weights = edges[..., 0] * x[:, None] + edges[..., 1] * y[:, None] + edges[..., 2]
     z = 1 / (weights[:, 0] + weights[:, 1] + weights[:, 2])
     return (weights * z[:, None]).float(), z.float()
@@ -101,33 +101,33 @@ def nearest_faces(
     projected: ProjectedFaces,
     grid: SampleGrid,
     width: int,
-    first: int,
-    last: int,
+    first_row: int,
+    end_row: int,
     cutout: Bool[Tensor, " f"],
     keep: KeepSamples,
 ) -> Int[Tensor, " n"]:
-    """Return the nearest face at each sample of rows `first` to `last` - 1; -1 where there is none.
+    """Return the nearest face at each sample of rows `first_row` to `end_row` - 1; -1 where there is none.
 
     Args:
         projected: faces projected by `project`.
         grid: samples within a pixel.
         width: image width in pixels.
-        first: first sample row.
-        last: sample row after the last one.
+        first_row: first sample row.
+        end_row: sample row after the last one.
         cutout: whether each face's texture has holes.
         keep: returns, for (face, x, y), whether a face with holes is solid at that pixel position.
     """
     columns = width * grid.columns
-    count = (last - first) * columns
+    count = (end_row - first_row) * columns
     # Key: upper 32 bits: bits of 1/z, which sort like the positive floats; lower 32 bits: face index + 1.
     best = torch.zeros(count, dtype=torch.int64, device=projected.edges.device)
     has_holes = cutout[projected.faces]
     for faces, hole_test in ((projected.faces[~has_holes], None), (projected.faces[has_holes], keep)):
-        for face, sample, inverse_depth in _covered_samples(projected, faces, grid, columns, first, last):
+        for face, sample, inverse_depth in _covered_samples(projected, faces, grid, columns, first_row, end_row):
             if hole_test is not None:
                 nearer = ((inverse_depth.view(torch.int32).long() << 32) > best[sample]).nonzero()[:, 0]
                 face, sample, inverse_depth = face[nearer], sample[nearer], inverse_depth[nearer]
-                row = (sample // columns).double() + first
+                row = (sample // columns).double() + first_row
                 x = ((sample % columns).double() + _shift(row, grid)) / grid.columns
                 solid = hole_test(face, x, (row + 0.5) / grid.rows)
                 face, sample, inverse_depth = face[solid], sample[solid], inverse_depth[solid]
@@ -137,11 +137,11 @@ def nearest_faces(
 
 
 def _covered_samples(
-    projected: ProjectedFaces, faces: Tensor, grid: SampleGrid, columns: int, first: int, last: int
+    projected: ProjectedFaces, faces: Tensor, grid: SampleGrid, columns: int, first_row: int, end_row: int
 ) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
     """Yield all (face, sample, 1/z) of a band of rows, in portions of limited size."""
-    top = (projected.top[faces] * grid.rows - 0.5).ceil().long().clamp_min(first)
-    bottom = (projected.bottom[faces] * grid.rows - 0.5).floor().long().clamp_max(last - 1)
+    top = (projected.top[faces] * grid.rows - 0.5).ceil().long().clamp_min(first_row)
+    bottom = (projected.bottom[faces] * grid.rows - 0.5).floor().long().clamp_max(end_row - 1)
     rows = (bottom - top + 1).clamp_min(0)
     covered = rows.nonzero()[:, 0]
     for face_slice in _portions(rows[covered], 1_000_000):
@@ -165,7 +165,7 @@ def _covered_samples(
                 torch.arange(len(span_of_sample), device=span_of_sample.device)
                 - (length.cumsum(0) - length)[span_of_sample]
             )
-            sample = ((row[span_indices] - first) * columns + low[span_indices])[span_of_sample] + step
+            sample = ((row[span_indices] - first_row) * columns + low[span_indices])[span_of_sample] + step
             inverse_depth = value[span_indices][span_of_sample] + slope[span_indices][span_of_sample] * step
             yield face[span_indices][span_of_sample], sample, inverse_depth.clamp(1e-12, 1 / NEAR)
 

@@ -18,18 +18,18 @@ class TensorCache:
 
     def __init__(self, capacity: int) -> None:
         self.capacity = capacity
-        self.held: OrderedDict[Hashable, Tensor] = OrderedDict()
+        self.tensors: OrderedDict[Hashable, Tensor] = OrderedDict()
         self.size = 0
 
     def get(self, key: Hashable, make: Callable[[], Tensor]) -> Tensor:
         """Return a copy of the tensor of a key, from the cache or computed by `make`."""
-        if key in self.held:
-            self.held.move_to_end(key)
-            return self.held[key].clone()
+        if key in self.tensors:
+            self.tensors.move_to_end(key)
+            return self.tensors[key].clone()
         value = make()
         if value.nbytes <= self.capacity:
-            self.held[key] = value.clone()
+            self.tensors[key] = value.clone()
             self.size += value.nbytes
             while self.size > self.capacity:
-                self.size -= self.held.popitem(last=False)[1].nbytes
+                self.size -= self.tensors.popitem(last=False)[1].nbytes
         return value

@@ -39,14 +39,13 @@ def render_photo(
     projected = project(world.mesh.corners, camera)
     pixel = _pixel_angle(camera) / (grid.rows * grid.columns) ** 0.5
     colours, coverages = [], []
-    sample_shape = (-1, grid.rows, camera.width, grid.columns)
     for face, x, y in _bands(world, projected, camera, grid):
         linear = _radiance(world, projected, camera, face, x, y, pixel)
         colour = tone_map(linear * world.exposure)
         if world.background is not None:
             colour[face < 0] = colour.new_tensor(world.background)
-        colours.append(colour.view(*sample_shape, 3).mean((1, 3)))
-        coverages.append((face >= 0).float().view(sample_shape).mean((1, 3)))
+        colours.append(colour.view(-1, grid.rows, camera.width, grid.columns, 3).mean((1, 3)))
+        coverages.append(_coverage(face, camera, grid))
     return torch.cat(colours).permute(2, 0, 1).contiguous(), torch.cat(coverages)[None]
 
 
@@ -63,9 +62,7 @@ def render_depth(world: World, camera: Camera) -> Float[Tensor, "1 h w"]:
 def render_coverage(world: World, camera: Camera, grid: SampleGrid = PHOTO_GRID) -> Float[Tensor, "1 h w"]:
     """Render the share of each pixel's samples that geometry covers: the alpha of `render_photo`."""
     projected = project(world.mesh.corners, camera)
-    bands = []
-    for face, _, _ in _bands(world, projected, camera, grid):
-        bands.append((face >= 0).float().view(-1, grid.rows, camera.width, grid.columns).mean((1, 3)))
+    bands = [_coverage(face, camera, grid) for face, _, _ in _bands(world, projected, camera, grid)]
     return torch.cat(bands)[None]
 
 
@@ -82,6 +79,11 @@ def tone_map(linear: Float[Tensor, "m 3"]) -> Float[Tensor, "m 3"]:
     return (1 - torch.exp(-linear.clamp_min(0))).clamp_min(1e-6) ** (1 / 2.2)
 
 
+def _coverage(face: Tensor, camera: Camera, grid: SampleGrid) -> Tensor:
+    """Share of each pixel's samples that hit a face, for a band of whole pixel rows."""
+    return (face >= 0).float().view(-1, grid.rows, camera.width, grid.columns).mean((1, 3))
+
+
 def _pixel_angle(camera: Camera) -> float:
     return 1.0 / float(camera.K[0, 0])
 
@@ -91,20 +93,22 @@ def _bands(
 ) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
     """Iterate over bands of whole pixel rows: each sample's visible face (-1 on the sky), x and y."""
     step = max(1, _BAND // (camera.width * grid.rows * grid.columns)) * grid.rows
-    for first in range(0, camera.height * grid.rows, step):
-        yield _visible(world, projected, camera, grid, first, min(first + step, camera.height * grid.rows))
+    for first_row in range(0, camera.height * grid.rows, step):
+        yield _visible(world, projected, camera, grid, first_row, min(first_row + step, camera.height * grid.rows))
 
 
 def _visible(
-    world: World, projected: ProjectedFaces, camera: Camera, grid: SampleGrid, first: int, last: int
+    world: World, projected: ProjectedFaces, camera: Camera, grid: SampleGrid, first_row: int, end_row: int
 ) -> tuple[Tensor, Tensor, Tensor]:
+    """Visible face (-1 on the sky), x and y of each sample of a range of sample rows."""
+
     def keep(face: Tensor, x: Tensor, y: Tensor) -> Tensor:
         weights, _ = barycentric(projected.edges[face], x, y)
         u, v = interpolate_corners(weights, world.mesh.uvs[face]).unbind(1)
         return world.solid(face, u, v)
 
-    face = nearest_faces(projected, grid, camera.width, first, last, world.mesh.cutout, keep)
-    x, y = sample_positions(grid, camera.width, first, last, face.device)
+    face = nearest_faces(projected, grid, camera.width, first_row, end_row, world.mesh.cutout, keep)
+    x, y = sample_positions(grid, camera.width, first_row, end_row, face.device)
     return face, x, y
 
 
@@ -134,6 +138,7 @@ def _radiance(
 def _surface(
     world: World, face: Tensor, weights: Tensor, z: Tensor, rays: Tensor, origin: Tensor, pixel: float
 ) -> Tensor:
+    """Return the linear radiance of samples that hit a surface: direct, ambient and reflected light, emission, haze."""
     mesh = world.mesh
     points = origin + z[:, None] * rays
     view_directions = unit(rays)
@@ -152,8 +157,7 @@ def _surface(
     channels, albedo, emission = _material(world, material, uv_metres, footprint)
     reflectance, roughness, relief, _, _, _, translucency = world.materials.looks[material].unbind(1)
     slopes = (channels[:, 4:6] - 0.5) * (2 * SLOPE_RANGE) * (relief[:, None] * world.materials.repeats[material])
-    normals = interpolated_normals - slopes[:, :1] * tangents[:, 0] - slopes[:, 1:] * tangents[:, 1]
-    normals = unit(normals)
+    normals = unit(interpolated_normals - slopes[:, :1] * tangents[:, 0] - slopes[:, 1:] * tangents[:, 1])
     gloss = channels[:, 6]
     diffuse = world.ambient_strength * world.ambient.irradiance(points, normals)
     specular = torch.zeros_like(diffuse)

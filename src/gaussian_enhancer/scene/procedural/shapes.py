@@ -4,6 +4,7 @@ Axes: k points of a profile or path, n cards or blades, v vertices, f faces. Met
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -59,7 +60,7 @@ def beam(start: Vector, end: Vector, width: float, depth: float) -> SurfacePart:
     v = np.cross(w, u)
     part = box((width, depth, float(np.linalg.norm(b - a))))
     axes = np.stack([u, v, w], axis=1)
-    return SurfacePart(part.positions @ axes.T + a, part.normals @ axes.T, part.uvs, part.faces)
+    return replace(part, positions=part.positions @ axes.T + a, normals=part.normals @ axes.T)
 
 
 def sheet(positions: np.ndarray, uvs: np.ndarray) -> SurfacePart:
@@ -84,12 +85,12 @@ def fan(outline: Float[np.ndarray, "k 3"]) -> tuple[Float[np.ndarray, "v 3"], In
 
 def _closed_sheet(positions: np.ndarray, uvs: np.ndarray) -> SurfacePart:
     """A sheet whose last column coincides with its first; the normals on both sides of the seam are made equal."""
-    part = sheet(positions, uvs)
-    normals = part.normals.reshape(positions.shape).copy()
+    open_sheet = sheet(positions, uvs)
+    normals = open_sheet.normals.reshape(positions.shape).copy()
     seam = normals[:, 0] + normals[:, -1]
     seam /= np.maximum(np.linalg.norm(seam, axis=1, keepdims=True), 1e-12)
     normals[:, 0] = normals[:, -1] = seam
-    return SurfacePart(part.positions, normals.reshape(-1, 3), part.uvs, part.faces)
+    return replace(open_sheet, normals=normals.reshape(-1, 3))
 
 
 def lathe(profile: Float[np.ndarray, "k 2"], segments: int = 24, flutes: int = 0, depth: float = 0.0) -> SurfacePart:
@@ -150,8 +151,7 @@ def tube(path: Float[np.ndarray, "k 3"], radius: float | Float[np.ndarray, " k"]
     r = np.broadcast_to(np.asarray(radius, dtype=float), (len(path),))[:, None, None]
     ring = np.cos(angle)[None, :, None] * normals[:, None] + np.sin(angle)[None, :, None] * binormals[:, None]
     arc_length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    around = angle * float(np.mean(r))
-    uvs = np.stack(np.broadcast_arrays(around[None], arc_length[:, None]), axis=-1)
+    uvs = np.stack(np.broadcast_arrays(angle[None] * float(np.mean(r)), arc_length[:, None]), axis=-1)
     return _closed_sheet(path[:, None] + r * ring, uvs)
 
 
@@ -182,18 +182,18 @@ def hillside(
     angle: Float[np.ndarray, " columns"],
     crest: Float[np.ndarray, " columns"],
     radii: Float[np.ndarray, " rows"],
-    base: float,
+    foot: float,
 ) -> SurfacePart:
-    """Slope about the origin, seen from inside, that rises from `base` at the first radius by `crest` at the last."""
+    """Slope about the origin, seen from inside, that rises from `foot` at the first radius by `crest` at the last."""
     r, rise = radii[:, None], np.sin(np.linspace(0, 1, len(radii)) * np.pi / 2)[:, None]
-    z = crest[None] * rise + base
+    z = crest[None] * rise + foot
     positions = np.stack(np.broadcast_arrays(r * np.cos(angle), r * np.sin(angle), z), axis=-1)
     return sheet(positions, np.stack(np.broadcast_arrays(angle[None] * radii[0], r + z), axis=-1))
 
 
-def curtain(width: float, height: float, folds: int, depth: float, columns: int = 96) -> SurfacePart:
-    """Hanging cloth in the xz plane, with folds along y."""
-    x, z = np.meshgrid(np.linspace(0, width, columns), np.linspace(height, 0, 6))
+def curtain(width: float, height: float, folds: int, depth: float) -> SurfacePart:
+    """Hanging cloth in the xz plane, with folds of a depth along y."""
+    x, z = np.meshgrid(np.linspace(0, width, 96), np.linspace(height, 0, 6))
     y = depth * np.sin(2 * np.pi * folds * x / width + 0.3 * np.sin(3 * x)) * (0.6 + 0.4 * (1 - z / height))
     return sheet(np.stack([x, y, z], axis=-1), np.stack([x * 1.3, height - z], axis=-1))
 

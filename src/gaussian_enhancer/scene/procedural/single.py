@@ -36,7 +36,7 @@ def draft_object(seed: int) -> Draft:
 def _model(p: Palette) -> None:
     """Vehicle on a tiled base with a fence, a sign and a potted plant."""
     rng = p.draft.rng
-    p.draft.add(shapes.box((2.2, 1.5, 0.08)).transform((0, 0, -0.1)), p("tiles"))
+    p.add(shapes.box((2.2, 1.5, 0.08)).transform((0, 0, -0.1)), "tiles")
     size = 0.45
     start = len(p.draft.builder.parts)
     vehicle(p, (0.0, 0.0, 0.0), rng.uniform(-0.2, 0.2))
@@ -65,32 +65,32 @@ def _bricks(p: Palette) -> None:
                             (x + (i - w / 2 + 0.5) * stud_pitch, y + (j - d / 2 + 0.5) * stud_pitch, (level + 1) * 0.12)
                         )
                     )
-            p.draft.add(join_parts(parts), p(f"paint {int(rng.integers(6))}"))
+            p.add(join_parts(parts), f"paint {int(rng.integers(6))}")
     for k in range(4):
         tyre, rim = furniture.wheel(0.17, 8, 0.045)
         at = (0.55 * (-1) ** k, 0.62 if k > 1 else -0.62, 0.17)
-        p.draft.add(tyre.transform(at), p("rubber"))
-        p.draft.add(rim.transform(at), p("chrome"))
+        p.add(tyre.transform(at), "rubber")
+        p.add(rim.transform(at), "chrome")
     furniture.lattice(p, (0, 0.0, 1.08), rng.uniform(0, 3), (0.8, 0.4), 0.09, 0.008)
     furniture.flat_print(p, "poster", (-0.3, -0.66, 0.6), (0.5, 0, 0), (0, 0, -0.4))
-    p.draft.add(shapes.box((1.6, 1.5, 0.05)).transform((0, 0, -0.05)), p("paint 7"))
+    p.add(shapes.box((1.6, 1.5, 0.05)).transform((0, 0, -0.05)), "paint 7")
 
 
 def _ficus(p: Palette) -> None:
     """Plant in a fluted pot."""
     rng = p.draft.rng
     pot = shapes.smooth_profile([(0.22, 0.0), (0.3, 0.12), (0.36, 0.3), (0.3, 0.42), (0.34, 0.46)], 30)
-    p.draft.add(
+    p.add(
         shapes.lathe(
             np.concatenate([[[0, 0]], pot, [[0.29, 0.42], [0, 0.4]]]), 60, int(rng.integers(8, 20)), 0.06
         ).transform((0, 0, -0.4)),
-        p("glaze"),
+        "glaze",
     )
     for k in range(3):
         furniture.plant(
             p, (*(rng.normal(size=2) * 0.06), 0.0), rng.uniform(0.8, 1.25), 160, "sprig" if k % 2 else "sprig 2"
         )
-    p.draft.add(shapes.lathe(np.array([[0, -0.4], [0.5, -0.4], [0.52, -0.43], [0, -0.44]]), 48), p("wood"))
+    p.add(shapes.lathe(np.array([[0, -0.4], [0.5, -0.4], [0.52, -0.43], [0, -0.44]]), 48), "wood")
 
 
 def _still_life(p: Palette) -> None:
@@ -103,12 +103,12 @@ def _still_life(p: Palette) -> None:
     furniture.vase(p, (0.42, 0.2, z), 0.3, flowers=False)
     furniture.books(p, (-0.45, -0.4, z), 0.2, 0.4, 0.28)
     furniture.flat_print(p, "page", (0.08, -0.1, z + 0.003), (0.4, 0.1, 0), (0.1, -0.35, 0))
-    p.draft.add(furniture.knot(rng, 0.15, 0.03).transform((0.5, -0.25, z + 0.1)), p("glaze 2"))
+    p.add(furniture.knot(rng, 0.15, 0.03).transform((0.5, -0.25, z + 0.1)), "glaze 2")
     for _ in range(5):
         r = rng.uniform(0.03, 0.06)
-        p.draft.add(
+        p.add(
             shapes.ellipsoid((r, r, r)).transform((rng.uniform(-0.2, 0.6), rng.uniform(-0.2, 0.1), z + r)),
-            p(str(rng.choice(["paint", "glaze 3", "marble"]))),
+            rng.choice(["paint", "glaze 3", "marble"]),
         )
 
 
@@ -121,7 +121,7 @@ def _machine(p: Palette) -> None:
         shapes.beam((-0.8, b * 0.5, z), (0.8, b * 0.5, z), 0.05, 0.05) for b in (-1, 1) for z in (-0.38, 0.35, 1.08)
     ]
     frame += [shapes.beam((a * 0.8, -0.5, z), (a * 0.8, 0.5, z), 0.05, 0.05) for a in (-1, 1) for z in (-0.38, 1.08)]
-    p.draft.add(join_parts(frame), p("paint"))
+    p.add(join_parts(frame), "paint")
     for k in range(6):
         teeth, r = int(rng.integers(12, 30)), rng.uniform(0.14, 0.3)
         gear = shapes.lathe(
@@ -141,24 +141,24 @@ def _machine(p: Palette) -> None:
             teeth,
             0.1,
         )
-        p.draft.add(
+        p.add(
             gear.transform((rng.uniform(-0.6, 0.6), -0.35 + 0.13 * k, rng.uniform(-0.1, 0.9)), tilt=np.pi / 2),
-            p(str(rng.choice(["chrome", "iron", "chrome 2"]))),
+            rng.choice(["chrome", "iron", "chrome 2"]),
         )
     tank = shapes.smooth_profile([(0.02, 0.0), (0.22, 0.06), (0.25, 0.2), (0.25, 0.6), (0.2, 0.78), (0.05, 0.85)], 30)
-    p.draft.add(shapes.lathe(tank, 40).transform((0.4, 0.15, -0.35)), p("paint 2"))
+    p.add(shapes.lathe(tank, 40).transform((0.4, 0.15, -0.35)), "paint 2")
     for _ in range(9):
         ends = rng.uniform((-0.75, -0.45, -0.3), (0.75, 0.45, 1.0), (2, 3))
-        p.draft.add(
+        p.add(
             shapes.wire(tuple(ends[0]), tuple(ends[1]), rng.uniform(0.0, 0.2), rng.uniform(0.006, 0.025), 8, 24),
-            p(str(rng.choice(["rubber", "glaze", "iron"]))),
+            rng.choice(["rubber", "glaze", "iron"]),
         )
     furniture.lattice(p, (0, 0.54, -0.35), 0.0, (1.5, 0.7), 0.09, 0.006)
     furniture.flat_print(
         p, "sign", (-0.7, -0.53, 0.32), (1.2, 0, 0), (0, 0, -0.3), (0.0, 0.25 * int(rng.integers(4)), 1.0, 0.25)
     )
     furniture.flat_print(p, "page", (0.1, -0.53, 0.98), (0.4, 0, 0), (0, 0, -0.5))
-    p.draft.add(shapes.box((1.9, 1.3, 0.06)).transform((0, 0, -0.46)), p("concrete"))
+    p.add(shapes.box((1.9, 1.3, 0.06)).transform((0, 0, -0.46)), "concrete")
 
 
 def _seat(p: Palette) -> None:
@@ -169,10 +169,10 @@ def _seat(p: Palette) -> None:
     furniture.books(p, (-0.16, -0.12, 0.5), 0.3, 0.28, 0.22)
     furniture.potted(p, (0.42, -0.25, 0), 0.55)
     tyre, rim = furniture.wheel(0.3, 28, 0.016)
-    p.draft.add(tyre.transform((-0.1, -0.32, 0.31), tilt=0.25), p("rubber"))
-    p.draft.add(rim.transform((-0.1, -0.32, 0.31), tilt=0.25), p("chrome"))
+    p.add(tyre.transform((-0.1, -0.32, 0.31), tilt=0.25), "rubber")
+    p.add(rim.transform((-0.1, -0.32, 0.31), tilt=0.25), "chrome")
     furniture.flat_print(p, "page", (-0.5, -0.3, 0.004), (0.3, -0.1, 0), (0.1, 0.3, 0))
-    p.draft.add(shapes.lathe(np.array([[0, 0.002], [0.75, 0.002], [0.77, -0.03], [0, -0.03]]), 64), p("wood"))
+    p.add(shapes.lathe(np.array([[0, 0.002], [0.75, 0.002], [0.77, -0.03], [0, -0.03]]), 64), "wood")
     parts = p.draft.builder.parts
     scale = 1.35 + rng.uniform(0, 0.1)
     parts[start:] = [part.transform(scale=scale, at=(0, 0, -0.25)) for part in parts[start:]]

@@ -63,12 +63,12 @@ class ProceduralView:
     seed: int
     camera: Camera
     device: str
-    departure: PhotoDeviation | None = None
+    deviation: PhotoDeviation | None = None
 
     def world(self) -> World:
-        """Return the baked world with the departure of this view, if any."""
+        """Return the baked world with the deviation of this view, if any."""
         world = _bake_cached(self.family, self.seed, self.device)[0]
-        return world if self.departure is None else self.departure.apply_to(world)
+        return world if self.deviation is None else self.deviation.apply_to(world)
 
     @torch.no_grad()
     def photo(self) -> Float[Tensor, "3 h w"]:
@@ -79,7 +79,7 @@ class ProceduralView:
             self.family,
             self.seed,
             self.device,
-            self.departure,
+            self.deviation,
             camera.height,
             camera.width,
             *camera.K.flatten().tolist(),
@@ -152,12 +152,12 @@ def procedural_scene(
     photos = []
     for k in range(views):
         camera = stated_camera = look_at(eyes[k], targets[k], focal, height, width)
-        departure = None
+        deviation = None
         if imperfections is not None:
             generator = torch.Generator().manual_seed(seed * 1_000_003 + k)
-            departure = imperfections.draw_deviation(generator)
+            deviation = imperfections.draw_deviation(generator)
             stated_camera = imperfections.with_pose_error(camera, float((targets[k] - eyes[k]).norm()), generator)
-        view = ProceduralView(family, seed, camera, device, departure)
+        view = ProceduralView(family, seed, camera, device, deviation)
         alpha = view.alpha if family == "object" else None
         photos.append(Photo(f"{k:04d}.png", stated_camera, view.photo, view.depth, alpha))
     scene = Scene(f"{family}_{seed}", tuple(photos), train, test, draft.background or (0.0, 0.0, 0.0))

@@ -37,7 +37,7 @@ def add_grain(
 ) -> Float[np.ndarray, "t t 3"]:
     """Modulate a colour map by noise at all scales: mainly its brightness, slightly its hue."""
     shade = 1 + amount * 2.5 * (fractal(rng, beta) - 0.5)
-    tint = 1 + amount * 0.3 * np.stack([fractal(rng, 1.2) - 0.5, fractal(rng, 1.2) - 0.5, fractal(rng, 1.2) - 0.5], 2)
+    tint = 1 + amount * 0.3 * np.stack([fractal(rng, 1.2) - 0.5 for _ in range(3)], axis=2)
     return colour * shade[..., None] * tint
 
 
@@ -54,10 +54,7 @@ def plaster(rng: Random, colour: Colour) -> Texture:
     patches = step(0.62, 0.66, fractal(rng, 1.5)) * 0.5
     pores = step(0.72, 0.9, fractal(rng, 0.2))
     rgb = add_grain(rng, blend(colour, np.array(colour) * 0.7 + 0.05, 0.3 * stains), 0.04)
-    rgb = (
-        blend(rgb, np.array(random_muted_colour(rng, (0.02, 0.2), (0.5, 0.8))), patches * 0.3)
-        * (1 - 0.2 * pores)[..., None]
-    )
+    rgb = blend(rgb, random_muted_colour(rng, (0.02, 0.2), (0.5, 0.8)), patches * 0.3) * (1 - 0.2 * pores)[..., None]
     return make_texture(rgb, 0.5 + 0.25 * (fractal(rng, 0.7) - 0.5) - 0.2 * pores, 0.3)
 
 
@@ -111,16 +108,10 @@ def cobble(rng: Random, colour: Colour) -> Texture:
     distance, edge, value = worley_noise(rng, 9, 0.55)
     stone = step(0.03, 0.16, edge + 0.06 * (fractal(rng, 0.5) - 0.5))
     stone_colour = add_grain(rng, np.array(colour) * (0.6 + 0.7 * value)[..., None], 0.18, 0.7)
-    gap_colour = add_grain(
-        rng,
-        np.broadcast_to(np.array(random_muted_colour(rng, (0.15, 0.4), (0.2, 0.4), (0.1, 0.25))), stone_colour.shape),
-        0.3,
-    )
-    return make_texture(
-        blend(gap_colour, stone_colour, stone),
-        0.9 * stone * (1 - 0.4 * distance) + 0.1 * fractal(rng, 0.3),
-        0.5 * stone,
-    )
+    gap_colour = random_muted_colour(rng, (0.15, 0.4), (0.2, 0.4), (0.1, 0.25))
+    gaps = add_grain(rng, np.broadcast_to(gap_colour, stone_colour.shape), 0.3)
+    height = 0.9 * stone * (1 - 0.4 * distance) + 0.1 * fractal(rng, 0.3)
+    return make_texture(blend(gaps, stone_colour, stone), height, 0.5 * stone)
 
 
 def brick(rng: Random, colour: Colour, mortar: Colour, rows: int) -> Texture:
@@ -142,7 +133,7 @@ def brick(rng: Random, colour: Colour, mortar: Colour, rows: int) -> Texture:
     )
 
 
-def tiles(rng: Random, first: Colour, second: Colour, count: int = 6, pattern: str = "checks") -> Texture:
+def tiles(rng: Random, first: Colour, second: Colour, count: int, pattern: str) -> Texture:
     """Glazed or stone tiles with grout, by `pattern`: chequered, plain, or with an ornament."""
     u, v = coordinates()
     i, j = np.floor(u * count).astype(int), np.floor(v * count).astype(int)
@@ -164,7 +155,7 @@ def tiles(rng: Random, first: Colour, second: Colour, count: int = 6, pattern: s
     return make_texture(rgb, 0.5 * tile_mask + 0.02 * fractal(rng, 0.3), 0.2 + 0.8 * tile_mask)
 
 
-def planks(rng: Random, colour: Colour, count: int = 6) -> Texture:
+def planks(rng: Random, colour: Colour, count: int) -> Texture:
     """Wooden boards along v with growth rings, knots and gaps."""
     u, v = coordinates()
     board = np.floor(u * count).astype(int)
@@ -183,7 +174,7 @@ def planks(rng: Random, colour: Colour, count: int = 6) -> Texture:
     return make_texture(rgb, 0.7 + 0.2 * (grain - 0.5) - 0.6 * np.clip(gap, 0, 1), 0.4 + 0.5 * fractal(rng, 1.0))
 
 
-def cloth(rng: Random, first: Colour, second: Colour, pattern: str = "plaid", count: int = 6) -> Texture:
+def cloth(rng: Random, first: Colour, second: Colour, pattern: str, count: int = 6) -> Texture:
     """Woven cloth, by `pattern`: plaid, stripes, dots or plain; brightness varies as by wear."""
     u, v = coordinates()
     bands = rng.random(32)
@@ -255,8 +246,8 @@ def foliage(rng: Random, colour: Colour) -> Texture:
     return make_texture(add_grain(rng, varied_rgb * 1.2, 0.2, 0.4), height, 0.1)
 
 
-def leaves(rng: Random, colour: Colour, count: int = 26, slender: float = 0.4) -> Texture:
-    """Single leaves with veins; the texture is a hole between them."""
+def leaves(rng: Random, colour: Colour, count: int, slender: float) -> Texture:
+    """Single leaves with veins, `slender` times as wide as long; the texture is a hole between them."""
     u, v = coordinates()
     rgb = np.broadcast_to(np.array(colour) * 0.7, (SIDE, SIDE, 3)).copy()
     opacity, height = np.zeros((SIDE, SIDE)), np.zeros((SIDE, SIDE))

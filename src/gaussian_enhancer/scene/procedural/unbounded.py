@@ -1,5 +1,7 @@
 """`unbounded`: a subject on open ground with surroundings up to distant hills, as in Mip-NeRF360."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from gaussian_enhancer.scene.procedural import furniture, nature, shapes
@@ -46,16 +48,14 @@ def _ground(p: Palette) -> None:
         unevenness = np.clip((np.hypot(x, y) - 9) / 40, 0, 1)
         return -0.012 + unevenness * sum(0.5 * np.sin(x * w[0] * 2 + y * w[1] * 2 + 9 * w[0]) for w in waves)
 
-    p.draft.add(shapes.terrain(axis, axis, height), p(outer_material), casts=False)
+    p.add(shapes.terrain(axis, axis, height), outer_material, casts=False)
     disk = np.stack([radius * (1 - t), 0.012 + 0 * t], axis=1)
-    p.draft.add(shapes.lathe(np.concatenate([[[radius, -0.02]], disk]), 64), p("brick 2"), casts=False)
+    p.add(shapes.lathe(np.concatenate([[[radius, -0.02]], disk]), 64), "brick 2", casts=False)
     square = shapes.terrain(
         np.linspace(-radius, radius, 20) * 0.97, np.linspace(-radius, radius, 20) * 0.97, lambda x, y: 0.018 + 0 * x
     )
     inside = np.linalg.norm(square.positions[square.faces].mean(1)[:, :2], axis=1) < radius * 0.93
-    p.draft.add(
-        type(square)(square.positions, square.normals, square.uvs, square.faces[inside]), p(inner_material), casts=False
-    )
+    p.add(replace(square, faces=square.faces[inside]), inner_material, casts=False)
     if outer_material == "turf":
         nature.grass(p, 9000, radius, radius + 3.5, rng.uniform(0.06, 0.16))
     else:
@@ -72,9 +72,9 @@ def _set_table(p: Palette, z: float, reach: float) -> None:
     for _ in range(5):
         x, y = rng.uniform(-0.55, 0.55, 2) * reach
         r = rng.uniform(0.03, 0.05)
-        p.draft.add(
+        p.add(
             shapes.ellipsoid((r, r, r * 0.92)).transform((x, y, z + r)),
-            p(str(rng.choice(["glaze 2", "paint", "chrome", "marble"]))),
+            rng.choice(["glaze 2", "paint", "chrome", "marble"]),
         )
 
 
@@ -95,15 +95,15 @@ def _bicycle_bench(p: Palette) -> None:
     slats += [
         shapes.box((1.6, 0.03, 0.09)).transform((0, 0.98 + 0.02 * k, 0.55 + 0.13 * k), tilt=-0.15) for k in range(3)
     ]
-    for part in slats:
-        p.draft.add(part, p("wood"))
+    for slat in slats:
+        p.add(slat, "wood")
     for x in (-0.65, 0.65):
         for start, end in (
             ((x, 0.5, 0), (x, 0.5, 0.45)),
             ((x, 0.9, 0), (x, 1.04, 0.95)),
             ((x, 0.47, 0.43), (x, 0.95, 0.43)),
         ):
-            p.draft.add(shapes.rod(start, end, 0.025), p("iron"))
+            p.add(shapes.rod(start, end, 0.025), "iron")
     furniture.bicycle(p, (rng.uniform(-0.2, 0.2), rng.uniform(-0.1, 0.2), 0.02), rng.uniform(-0.2, 0.2))
     furniture.flat_print(p, "page", (0.2, 0.55, 0.485), (0.3, 0.04, 0), (-0.04, 0.3, 0))
     furniture.potted(p, (-1.15, 0.6, 0.02), rng.uniform(0.6, 1.0))
@@ -113,39 +113,37 @@ def _monument(p: Palette) -> None:
     rng = p.draft.rng
     for k in range(3):
         side = 1.3 - 0.32 * k
-        p.draft.add(
-            shapes.box((side, side, 0.2)).transform((0, 0, 0.02 + 0.2 * k)), p("marble" if k == 2 else "concrete")
-        )
+        p.add(shapes.box((side, side, 0.2)).transform((0, 0, 0.02 + 0.2 * k)), "marble" if k == 2 else "concrete")
     furniture.flat_print(
         p, "sign", (-0.3, -0.336, 0.6), (0.6, 0, 0), (0, 0, -0.17), (0.0, 0.25 * int(rng.integers(4)), 1.0, 0.25)
     )
     if rng.random() < 0.5:
-        p.draft.add(furniture.knot(rng, 0.36, 0.055).transform((0, 0, 1.02), tilt=rng.uniform(0, 1.2)), p("chrome"))
-        p.draft.add(shapes.rod((0, 0, 0.6), (0, 0, 0.95), 0.05), p("marble"))
+        p.add(furniture.knot(rng, 0.36, 0.055).transform((0, 0, 1.02), tilt=rng.uniform(0, 1.2)), "chrome")
+        p.add(shapes.rod((0, 0, 0.6), (0, 0, 0.95), 0.05), "marble")
     else:
         furniture.vase(p, (0, 0, 0.62), 0.7, flowers=True, material="marble 2")
     for a in np.arange(0, 2 * np.pi, np.pi / 4):
         x, y = 1.15 * np.cos(a), 1.15 * np.sin(a)
         post = np.array([[0.045, 0], [0.04, 0.5], [0.055, 0.52], [0.03, 0.6], [0, 0.62]])
-        p.draft.add(shapes.lathe(post, 12).transform((x, y, 0.02)), p("iron"))
+        p.add(shapes.lathe(post, 12).transform((x, y, 0.02)), "iron")
         b = a + np.pi / 4
-        p.draft.add(shapes.wire((x, y, 0.55), (1.15 * np.cos(b), 1.15 * np.sin(b), 0.55), 0.16, 0.009, 6), p("chrome"))
+        p.add(shapes.wire((x, y, 0.55), (1.15 * np.cos(b), 1.15 * np.sin(b), 0.55), 0.16, 0.009, 6), "chrome")
 
 
 def _workbench(p: Palette) -> None:
     rng = p.draft.rng
     for x, y, z in ((0, 0, 0), (0.62, 0.1, 0), (0.25, 0.05, 0.42)):
-        p.draft.add(
+        p.add(
             shapes.box((0.55, 0.4, 0.4)).transform((x - 0.3, y, z + 0.02), yaw=rng.normal() * 0.1),
-            p(f"wood {int(rng.integers(1, 3))}"),
+            f"wood {int(rng.integers(1, 3))}",
         )
     furniture.flat_print(p, "poster", (-0.5, -0.24, 0.4), (0.36, 0, 0), (0, 0, -0.34))
     furniture.lattice(p, (-0.75, 0.2, 0.02), 1.2, (0.7, 1.0), 0.11, 0.006)
     furniture.potted(p, (-0.05, 0.03, 0.84), rng.uniform(0.5, 0.8))
     furniture.vase(p, (-0.35, -0.02, 0.42), 0.26, flowers=False)
     tyre, rim = furniture.wheel(0.33, 24, 0.02)
-    p.draft.add(tyre.transform((0.75, -0.3, 0.36), tilt=0.2, yaw=0.3), p("rubber"))
-    p.draft.add(rim.transform((0.75, -0.3, 0.36), tilt=0.2, yaw=0.3), p("chrome"))
+    p.add(tyre.transform((0.75, -0.3, 0.36), tilt=0.2, yaw=0.3), "rubber")
+    p.add(rim.transform((0.75, -0.3, 0.36), tilt=0.2, yaw=0.3), "chrome")
     for _ in range(4):
         a = rng.uniform(0, 6.3)
         nature.stone(p, (1.1 * np.cos(a), 1.1 * np.sin(a), 0.05), rng.uniform(0.1, 0.22))

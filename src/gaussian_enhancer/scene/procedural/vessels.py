@@ -5,6 +5,8 @@ Each public function adds a boat or a fleet to a draft. Lengths are in metres. `
 Axes: s stations from stern to bow.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 
@@ -71,7 +73,7 @@ class Hull:
 
 
 def _put(p: Palette, at: Vector, yaw: float, part: SurfacePart, material: str) -> None:
-    p.draft.add(part.transform(at, yaw=yaw), p(material))
+    p.add(part.transform(at, yaw=yaw), material)
 
 
 def _bulwark(h: Hull, radius: float) -> SurfacePart:
@@ -130,6 +132,7 @@ def yacht(p: Palette, at: Vector, yaw: float, length: float, *, hoisted: bool = 
 
 
 def _cabin(p: Palette, at: Vector, yaw: float, length: float, deck: float) -> None:
+    """Cabin with side windows, front window and hatch."""
     body = np.array([[-0.12, 0.0], [-0.12, 0.055], [0.16, 0.055], [0.22, 0.0]]) * length
     width = 0.085 * length
     top = [(x, s * width * (1 - 0.25 * (z > 0)), z + deck) for s in (-1, 1) for x, z in body]
@@ -151,6 +154,7 @@ def _cabin(p: Palette, at: Vector, yaw: float, length: float, deck: float) -> No
 
 
 def _rig(p: Palette, at: Vector, yaw: float, h: Hull, mast: float, top: float, deck: float) -> None:
+    """Mast with spreaders, stays, halyards and a wind vane."""
     peak = (mast, 0.0, top)
     spars = [shapes.tube(np.array([[mast, 0, deck - 0.3], [mast, 0, top]]), np.array([0.055, 0.035]), 10)]
     stays = [
@@ -185,8 +189,8 @@ def _sails(
         x = mast - 0.06 - (mast - clew) * 0.95 * u * (1 - v)
         y = 0.09 * length * u * (1 - v) * np.sin(np.pi * np.clip(u, 0, 1) * 0.8) * np.sin(np.pi * (0.15 + 0.8 * v))
         z = foot + 0.06 + (top - foot - 0.3) * v
-        part = shapes.sheet(np.stack([x, y, z], -1), np.stack([x, top - z], -1))
-        _put(p, at, yaw, part, f"sail {int(rng.integers(2))}")
+        sail = shapes.sheet(np.stack([x, y, z], -1), np.stack([x, top - z], -1))
+        _put(p, at, yaw, sail, f"sail {int(rng.integers(2))}")
         return
     t = np.linspace(0, 1, 24)
     path = np.stack([mast + (clew - mast) * t, 0.02 * np.sin(25 * t), foot + 0.09 + 0.05 * t], axis=1)
@@ -221,11 +225,11 @@ def trawler(p: Palette, at: Vector, yaw: float, length: float) -> None:
         aft = np.array([float(h.x[20]), s * (float(h.half[20]) + 0.05), float(h.sheer[20]) - 0.1])
         start, along = (aft, bow - aft) if s < 0 else (bow, aft - bow)
         board = shapes.quad(tuple(start), tuple(along), (0, 0, -0.45))
-        uvs = board.uvs / board.uvs.max(0)
-        _put(p, at, yaw, SurfacePart(board.positions, board.normals, uvs, board.faces), f"registration {int(length)}")
+        _put(p, at, yaw, replace(board, uvs=board.uvs / board.uvs.max(0)), f"registration {int(length)}")
 
 
 def _wheelhouse(p: Palette, at: Vector, yaw: float, length: float, deck: float) -> None:
+    """Wheelhouse with windows on all sides, lamps, a radar dish and antennas."""
     x, house_width, house_length, house_height = 0.12 * length, 0.22 * length, 0.2 * length, 2.3
     _put(p, at, yaw, shapes.box((house_length, house_width, house_height)).transform((x, 0, deck)), "gelcoat")
     _put(
@@ -266,21 +270,21 @@ def _wheelhouse(p: Palette, at: Vector, yaw: float, length: float, deck: float) 
 
 
 def _gear(p: Palette, at: Vector, yaw: float, h: Hull, length: float, deck: float) -> None:
+    """Mast with derricks and tackle, a net drum, a net and fish crates."""
     rng = p.draft.rng
     mast, top = -0.08 * length, deck + 0.55 * length
     frame = [shapes.rod((mast, 0, deck), (mast, 0, top), 0.09, 10)]
     stern = 0.42 * length
+    boom_ends = {s: (mast - 0.3 * length, s * 0.16 * length, deck + 0.38 * length) for s in (-1, 1)}
     for s in (-1, 1):
         frame.append(shapes.rod((-stern, s * 0.11 * length, deck), (-stern + 0.3, s * 0.08 * length, deck + 2.6), 0.07))
-        boom_end = (mast - 0.3 * length, s * 0.16 * length, deck + 0.38 * length)
-        frame.append(shapes.rod((mast, s * 0.1, deck + 1.0), boom_end, 0.05))
+        frame.append(shapes.rod((mast, s * 0.1, deck + 1.0), boom_ends[s], 0.05))
     frame.append(
         shapes.rod((-stern + 0.3, -0.08 * length, deck + 2.6), (-stern + 0.3, 0.08 * length, deck + 2.6), 0.06)
     )
     _put(p, at, yaw, join_parts(frame), "paintwork")
     tackle = [shapes.rod((mast, 0, top - 0.2), (float(h.x[-2]), 0, float(h.sheer[-2])), 0.012, 4)]
-    for s in (-1, 1):
-        boom_end = (mast - 0.3 * length, s * 0.16 * length, deck + 0.38 * length)
+    for s, boom_end in boom_ends.items():
         tackle += [
             shapes.rod((mast, 0, top - 0.1), boom_end, 0.01, 4),
             shapes.wire(boom_end, (boom_end[0], boom_end[1] * 0.6, deck + 0.4), 0.05, 0.01),
@@ -338,5 +342,5 @@ def moored_fleet(p: Palette, count: int, depth: tuple[float, float], span: float
                 np.array([[-2.2, 0, 1.5], [-1.0, 0, 1.6], [0.2, 0, 1.6]]), np.array([0.1, 0.2, 0.12]), 8
             )
             _put(p, (x, y, water), yaw, cover, f"sail {int(rng.integers(2))}")
-    p.draft.add(join_parts(spars), p("alloy"))
-    p.draft.add(join_parts(stays), p("steel"))
+    p.add(join_parts(spars), "alloy")
+    p.add(join_parts(stays), "steel")
