@@ -108,7 +108,7 @@ def test_every_gate_becomes_the_simulators(gate, kind):
     simulator = build(network_configuration(cfg).data.simulation.simulator)
     assert isinstance(simulator, Simulator)
     assert type(simulator.gate).__name__ == kind
-    assert isinstance(simulator.second, NoSecondStage)
+    assert isinstance(simulator.second_stage, NoSecondStage)
 
 
 def test_a_switch_of_a_gate_reaches_it():
