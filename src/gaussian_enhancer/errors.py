@@ -34,18 +34,18 @@ class InputError(ValueError):
         return InputError, (self.subject, self.received, self.remedy)
 
 
-def refuse_unknown(option: str, names: Iterable[object] | None, known: Iterable[object]) -> None:
+def refuse_unknown(option: str, names: Iterable[object] | None, permitted_names: Iterable[object]) -> None:
     """Refuse an option whose value contains an unknown name.
 
     Args:
         option: the option's name.
         names: names in the option's value; None stands for none.
-        known: permitted names, in the order in which the error lists them.
+        permitted_names: permitted names, in the order in which the error lists them.
 
     Raises:
         InputError: a name is unknown.
     """
-    permitted = [str(name) for name in known]
+    permitted = [str(name) for name in permitted_names]
     for name in names or ():
         if str(name) not in permitted:
             raise InputError(option, f"names {str(name)!r}", f"choose from {', '.join(permitted)}")

@@ -15,12 +15,12 @@ GROWTH = 4
 
 
 @reader
-def read_ply_elements(path: str | Path, wanted: tuple[str, ...], remedy: str) -> dict[str, np.ndarray]:
+def read_ply_elements(path: str | Path, element_names: tuple[str, ...], remedy: str) -> dict[str, np.ndarray]:
     """Read elements of a .ply as structured arrays by name; elements that the file lacks are left out.
 
     Args:
         path: the file, binary or ASCII.
-        wanted: names of the elements, which must not have list properties.
+        element_names: names of the elements, which must not have list properties.
         remedy: advice for a file that is not such a .ply, as an imperative.
 
     Raises:
@@ -37,7 +37,7 @@ def read_ply_elements(path: str | Path, wanted: tuple[str, ...], remedy: str) ->
         raise InputError(
             path, f"is no readable .ply of {size} bytes ({error})", f"{remedy}, or copy it again"
         ) from None
-    elements = {element.name: element for element in ply.elements if element.name in wanted}
+    elements = {element.name: element for element in ply.elements if element.name in element_names}
     for name, element in elements.items():
         if element.data.dtype.hasobject:
             raise InputError(path, f"has lists in its element {name}", remedy)

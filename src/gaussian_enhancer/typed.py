@@ -99,16 +99,16 @@ def to_input_error(error: ValidationError, subject: str, kind: Any = None) -> In
         kind: the expected type.
     """
     errors = error.errors(include_url=False)
-    parts = list(_place(errors[0]))
+    place = list(_place(errors[0]))
     union_errors = [
         entry for entry in errors if repr(entry["input"]) == repr(errors[0]["input"])
     ]  # the members of a union
     rules = list(dict.fromkeys(map(_rule, union_errors)))
     if {"a number", "a finite number"} & set(rules):
         rules = [rule for rule in rules if rule != "a whole number"]
-    if not parts and type(None) in get_args(kind):
+    if not place and type(None) in get_args(kind):
         rules.append("null")
-    name = ".".join([*filter(None, [subject]), *parts])
+    name = ".".join([*filter(None, [subject]), *place])
     return InputError(name, f"is {abbreviate(errors[0]['input'])}", f"give {' or '.join(dict.fromkeys(rules))}")
 
 

@@ -78,36 +78,38 @@ def test_wrong_depth_is_refined():
 
 
 @pytest.mark.parametrize(
-    "how",
+    "search",
     [Search(0.15, 9), Search(0.15, 9, stride=2, inconsistency=1.0, photo_consistency=0.3), Search(0.1, 5, 3, stride=3)],
     ids=["renders", "photos too", "every third"],
 )
 @pytest.mark.parametrize("views", [1, 3])
-def test_compiled_search_equals_its_readable_twin(how, views):
+def test_compiled_search_equals_its_readable_twin(search, views):
     render, truth = plane(TARGET, 3.0)
     cameras = [REFERENCE.resized(48, 64), turned(REFERENCE, -0.1, (-0.3, 0.1, 0.0)), TARGET][:views]
     full = (truth * 1.05).float(), render.float()
-    z, image = (one[..., :: how.stride, :: how.stride].contiguous() for one in full)
+    z, image = (one[..., :: search.stride, :: search.stride].contiguous() for one in full)
     z[..., :10, :12] = 0.05
-    seen = []
+    references = []
     for camera in cameras:
         rendered = plane(camera, 3.0)[0].float()
         photo = rendered * 0.9 + 0.05 * torch.rand(rendered.shape, generator=torch.Generator().manual_seed(1))
-        seen.append(depth_search._prepare_source(TARGET, z, image, Source(camera, photo, rendered), how))
-    compiled, plain = (f(z, image, seen, how) for f in (depth_search._search_compiled, depth_search.search_torch))
-    assert (compiled - plain).abs().median() < 1e-5
-    assert ((compiled - plain).abs() > 1e-3).float().mean() < 0.01
+        references.append(depth_search._prepare_source(TARGET, z, image, Source(camera, photo, rendered), search))
+    compiled = depth_search._search_compiled(z, image, references, search)
+    readable = depth_search.search_torch(z, image, references, search)
+    assert (compiled - readable).abs().median() < 1e-5
+    assert ((compiled - readable).abs() > 1e-3).float().mean() < 0.01
     assert compiled.abs().max() > 0.2
-    exact = depth_search.search_torch(z.double(), image.double(), [_double(one) for one in seen], how)
-    assert (plain - exact).abs().median() < 1e-5
+    doubled = [_double(reference) for reference in references]
+    exact = depth_search.search_torch(z.double(), image.double(), doubled, search)
+    assert (readable - exact).abs().median() < 1e-5
 
 
-def _double(seen):
-    tensors = {name: getattr(seen, name).double() for name in ("photo", "render", "counts")}
+def _double(reference):
+    tensors = {name: getattr(reference, name).double() for name in ("photo", "render", "mask")}
     projection = replace(
-        seen.projection, matrix=seen.projection.matrix.double(), offset=seen.projection.offset.double()
+        reference.projection, matrix=reference.projection.matrix.double(), offset=reference.projection.offset.double()
     )
-    return replace(seen, projection=projection, **tensors)
+    return replace(reference, projection=projection, **tensors)
 
 
 def test_photos_place_what_the_splat_blurs():

@@ -187,7 +187,7 @@ def test_only_so_many_are_kept_and_sizes_and_knowledge_are_told_apart():
     assert [grows(seen, ("a", "b", "c")), grows(seen, ("a", "b", "c"))] == [3, 0]
     assert grows(dataclasses.replace(seen, reference_renders=seen.references / 2), ("a", "b", "c")) == 3
     assert grows(views(height=32, references=3), ("a", "b", "c")) == 3
-    assert len(cache.kept) == 8
+    assert len(cache.entries) == 8
     assert grows(seen, ("a", "b", "c")) == 3
     assert cache(views(references=0), ()) is None
 

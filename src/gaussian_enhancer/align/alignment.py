@@ -215,10 +215,10 @@ class Reprojected:
             warped.append(view)
             weights.append(reference_weight(view, difference, self.softness))
         order = rank_references(weights, keep)
-        reads, fine = _fine_photo_readers([references[i] for i in order]), None
-        if reads:
+        readers, fine = _fine_photo_readers([references[i] for i in order]), None
+        if readers:
             fine = target.image.new_empty(len(order), 3, *(4 * side for side in target.image.shape[-2:]))
-            for i, read_photo, result in zip(order, reads, fine, strict=True):
+            for i, read_photo, result in zip(order, readers, fine, strict=True):
                 photo = read_photo().to(target.image.device)
                 _warp_fine_photo(camera, depth, cameras[i], photo, exposures[i], warped[i], result)
         return _stack_aligned(target, [warped[i] for i in order], [references[i].name for i in order], fine)
@@ -233,7 +233,7 @@ def _fine_photo_readers(references: Sequence[LoadedView]) -> list[Callable[[], U
 def _warp_fine_photo(
     camera: Camera,
     depth: Float[Tensor, "1 h w"],
-    other: Camera,
+    reference_camera: Camera,
     photo: UInt8[Tensor, "3 _ _"],
     exposure: Float[Tensor, "3 2"] | None,
     warped: Warped,
@@ -244,33 +244,35 @@ def _warp_fine_photo(
     Args:
         camera: camera of the target.
         depth: refined depth of the target at its own size. It is upsampled as inverse depth, which is linear on planes.
-        other: camera of the reference.
+        reference_camera: camera of the reference.
         photo: fine photo of the reference.
         exposure: gain and offset that were applied to the warped reference.
         warped: the reference on the target's grid.
         result: output, written in place.
     """
     height, width = result.shape[-2:]
-    colours = torch.tensor([[1 / 255, 0.0]]).expand(3, 2)
+    transform = torch.tensor([[1 / 255, 0.0]]).expand(3, 2)
     if exposure is not None:  # applied after sampling, which avoids a copy of the photo
-        colours = exposure * exposure.new_tensor([1 / 255, 1.0])
-    colours = colours.to(result)
-    fine = camera.resized(height, width)
+        transform = exposure * exposure.new_tensor([1 / 255, 1.0])
+    transform = transform.to(result)
+    fine_camera = camera.resized(height, width)
     filled = fill_depth(depth)
-    footprint = footprint_between(camera, filled, other.resized(*photo.shape[-2:])) / 4
-    inverse = F.interpolate(1 / filled[None], size=(height, width), mode="bilinear", align_corners=False)[0]
+    footprint = footprint_between(camera, filled, reference_camera.resized(*photo.shape[-2:])) / 4
+    inverse_depth = F.interpolate(1 / filled[None], size=(height, width), mode="bilinear", align_corners=False)[0]
     for top in range(0, height, STRIP):
         rows = slice(top, min(top + STRIP, height))
         coarse_rows = slice(top // 4, -(-rows.stop // 4))
         visibility = F.interpolate(warped.visibility[None, :, coarse_rows], scale_factor=4)[0]
-        strip = fine.crop(Region(top, 0, rows.stop, width))
-        strip_samples = reproject(strip, 1 / inverse[:, rows], other, photo, alpha=visibility, footprint=footprint)
-        _write_fine_rows(strip_samples, colours, warped.colour, top, result)
+        strip = fine_camera.crop(Region(top, 0, rows.stop, width))
+        strip_samples = reproject(
+            strip, 1 / inverse_depth[:, rows], reference_camera, photo, alpha=visibility, footprint=footprint
+        )
+        _write_fine_rows(strip_samples, transform, warped.colour, top, result)
 
 
 def _write_fine_rows(
-    finely: Warped,
-    colours: Float[Tensor, "3 2"],
+    samples: Warped,
+    transform: Float[Tensor, "3 2"],
     coarse: Float[Tensor, "3 h w"],
     top: int,
     result: Float[Tensor, "3 H W"],
@@ -280,23 +282,23 @@ def _write_fine_rows(
     At the photo's border, a pixel may be visible on the coarse grid but not on the fine one.
 
     Args:
-        finely: the sampled rows, before gain and offset.
-        colours: gain and offset that convert colours to [0, 1] and to the render's exposure.
+        samples: the sampled rows, before gain and offset.
+        transform: gain and offset from 8-bit colours to [0, 1] in the render's exposure.
         coarse: the reference on the target's grid.
         top: index of the first row.
         result: output, written in place.
     """
-    if can_use_kernels(finely.colour, finely.visibility, coarse, result):
+    if can_use_kernels(samples.colour, samples.visibility, coarse, result):
         from gaussian_enhancer.align.reproject_kernels import finish_fine
         from gaussian_enhancer.splat.compiled import kernel_lock
 
-        inputs = finely.colour, finely.visibility[0], colours, coarse
+        inputs = samples.colour, samples.visibility[0], transform, coarse
         with kernel_lock:
             finish_fine(*map(kernel_image, inputs), top, result.numpy())
         return
-    bottom = top + finely.colour.shape[-2]
-    colour = F.interpolate(coarse[None, :, top // 4 : -(-bottom // 4)], scale_factor=4)[0]
-    result[:, top:bottom] = torch.where(finely.visibility > 0, apply_colour(finely.colour, colours), colour)
+    bottom = top + samples.colour.shape[-2]
+    coarse_colour = F.interpolate(coarse[None, :, top // 4 : -(-bottom // 4)], scale_factor=4)[0]
+    result[:, top:bottom] = torch.where(samples.visibility > 0, apply_colour(samples.colour, transform), coarse_colour)
 
 
 def _camera_of(view: LoadedView) -> Camera:

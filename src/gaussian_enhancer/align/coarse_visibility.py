@@ -28,17 +28,17 @@ def coarse_visibility(warp: Reprojected, target: LoadedView, candidates: Sequenc
     return replace(warp, depth="exact")(target, candidates, len(candidates))
 
 
-def visible_shares(seen: AlignedReferences, alpha: Float[Tensor, "1 h w"] | None) -> dict[str, float]:
-    """Share of the target's visible surface that each candidate shows, in [0, 1], in the order of ``seen``.
+def visible_shares(aligned: AlignedReferences, alpha: Float[Tensor, "1 h w"] | None) -> dict[str, float]:
+    """Share of the target's visible surface that each candidate shows, in [0, 1], in the order of ``aligned``.
 
     Args:
-        seen: result of `coarse_visibility`.
+        aligned: result of `coarse_visibility`.
         alpha: opacity of the target on the same grid; None counts each pixel fully.
     """
-    height, width = seen.visibility.shape[-2:]
+    height, width = aligned.visibility.shape[-2:]
     total = float(height * width if alpha is None else alpha.clamp(0, 1).sum())
-    fractions = (seen.visibility.sum((1, 2, 3)) / max(total, 1e-6)).clamp(0, 1).tolist()
-    return dict(zip(seen.names, fractions, strict=True))
+    shares = (aligned.visibility.sum((1, 2, 3)) / max(total, 1e-6)).clamp(0, 1).tolist()
+    return dict(zip(aligned.names, shares, strict=True))
 
 
 def coarsen(pixels: LoadedView, edge: int = EDGE) -> LoadedView:

@@ -97,15 +97,15 @@ class _PreparedReference:
         projection: projection of the target's samples into the reference.
         photo: photo at most as fine as the target, in the render's exposure.
         render: the splat's render of the same view at the same size; the photo if there is no render.
-        colours: gain and offset per channel from photo and render to the target's colours.
-        counts: 1 for samples at which the reference is used, 0 elsewhere.
+        transform: gain and offset per channel from photo and render to the target's colours.
+        mask: 1 for samples at which the reference is used, 0 elsewhere.
     """
 
     projection: ReferenceProjection
     photo: Float[Tensor, "3 p q"]
     render: Float[Tensor, "3 p q"]
-    colours: Float[Tensor, "3 2"]
-    counts: Float[Tensor, "1 h w"]
+    transform: Float[Tensor, "3 2"]
+    mask: Float[Tensor, "1 h w"]
 
 
 def refine_depth(
@@ -140,91 +140,88 @@ def refine_depth(
     if smooth and kind == "surface":
         valid = usable_depth(depth)
         depth = torch.where(valid, smooth_depth(fill_depth(depth).to(render.dtype), render).to(depth.dtype), depth)
-    for settings in SEARCHES[kind] if sources else ():
-        settings = settings if consistent else replace(settings, inconsistency=0.0)
-        z = fill_depth(depth).to(render.dtype)[..., :: settings.stride, :: settings.stride].contiguous()
-        image = render[..., :: settings.stride, :: settings.stride].contiguous()
-        prepared = [_prepare_source(target, z, image, source, settings) for source in sources]
-        change = (_search_compiled if can_use_kernels(z, image) else search_torch)(z, image, prepared, settings)
-        change = _interpolate_change(change, settings.stride, depth.shape[-2], depth.shape[-1])
-        depth = depth * torch.exp(change * math.log1p(settings.span)).to(depth.dtype)
+    for search in SEARCHES[kind] if sources else ():
+        search = search if consistent else replace(search, inconsistency=0.0)
+        z = fill_depth(depth).to(render.dtype)[..., :: search.stride, :: search.stride].contiguous()
+        image = render[..., :: search.stride, :: search.stride].contiguous()
+        prepared = [_prepare_source(target, z, image, source, search) for source in sources]
+        change = (_search_compiled if can_use_kernels(z, image) else search_torch)(z, image, prepared, search)
+        change = _interpolate_change(change, search.stride, depth.shape[-2], depth.shape[-1])
+        depth = depth * torch.exp(change * math.log1p(search.span)).to(depth.dtype)
     return depth
 
 
 def search_torch(
-    z: Float[Tensor, "1 h w"], image: Float[Tensor, "3 h w"], seen: Sequence[_PreparedReference], how: Search
+    z: Float[Tensor, "1 h w"], image: Float[Tensor, "3 h w"], references: Sequence[_PreparedReference], search: Search
 ) -> Float[Tensor, "1 h w"]:
     """The step k of least cost at each sample; readable twin of the compiled kernels, for any device."""
-    steps = torch.linspace(-1, 1, how.hypotheses, dtype=z.dtype, device=z.device)
-    multipliers = torch.exp(steps * math.log1p(how.span))[:, None, None]
-    count, difference, squares = z.new_zeros(3, how.hypotheses, 1, *z.shape[-2:])
-    total = z.new_zeros(how.hypotheses, 3, *z.shape[-2:])
-    for reference in seen:
-        landing = project_pixels(reference.projection, z * multipliers)
-        inside = (landing.inside * reference.counts)[:, None]
-        deviation = (
-            _apply_colours(sample_image(reference.photo, landing.x, landing.y), reference.colours) - image
-        ) * inside
-        count, total, squares = count + inside, total + deviation, squares + deviation.square().mean(1, keepdim=True)
-        rendered = (
-            _apply_colours(sample_image(reference.render, landing.x, landing.y), reference.colours) - image
-        ) * inside
-        difference = difference + rendered.abs().mean(1, keepdim=True)
+    steps = torch.linspace(-1, 1, search.hypotheses, dtype=z.dtype, device=z.device)
+    multipliers = torch.exp(steps * math.log1p(search.span))[:, None, None]
+    count, difference, squares = z.new_zeros(3, search.hypotheses, 1, *z.shape[-2:])
+    total = z.new_zeros(search.hypotheses, 3, *z.shape[-2:])
+    for reference in references:
+        projected = project_pixels(reference.projection, z * multipliers)
+        visible = (projected.inside * reference.mask)[:, None]
+        deviation, render_deviation = (
+            (_apply_colours(sample_image(source, projected.x, projected.y), reference.transform) - image) * visible
+            for source in (reference.photo, reference.render)
+        )
+        count, total, squares = count + visible, total + deviation, squares + deviation.square().mean(1, keepdim=True)
+        difference = difference + render_deviation.abs().mean(1, keepdim=True)
     n = count.clamp_min(1)
     mean = difference / n
     variance = (squares - total.square().mean(1, keepdim=True) / n).clamp_min(0) / (n - 1).clamp_min(1)
-    cost = mean + how.inconsistency * torch.where(count > 1, (variance + VARIANCE_EPSILON).sqrt(), mean)
+    cost = mean + search.inconsistency * torch.where(count > 1, (variance + VARIANCE_EPSILON).sqrt(), mean)
     weight = (count > 0).to(cost)
-    window_cost, window_share = _window_mean((cost * weight)[:, 0], how.window), _window_mean(weight[:, 0], how.window)
+    window_cost, window_share = (_window_mean(image[:, 0], search.window) for image in (cost * weight, weight))
     # Costs are averaged over the visible samples only, so that a hypothesis with fewer of them has no lower cost.
     visible = window_share > 0.1
-    mean = torch.where(
-        visible, window_cost / window_share.clamp_min(1e-6) + how.penalty * steps.abs()[:, None, None], INVISIBLE_COST
-    )
-    return torch.where(visible[how.hypotheses // 2], _refine_minimum(mean, steps), 0.0)[None]
+    penalty = search.penalty * steps.abs()[:, None, None]
+    mean = torch.where(visible, window_cost / window_share.clamp_min(1e-6) + penalty, INVISIBLE_COST)
+    return torch.where(visible[search.hypotheses // 2], _refine_minimum(mean, steps), 0.0)[None]
 
 
 def _search_compiled(
-    z: Float[Tensor, "1 h w"], image: Float[Tensor, "3 h w"], seen: Sequence[_PreparedReference], how: Search
+    z: Float[Tensor, "1 h w"], image: Float[Tensor, "3 h w"], references: Sequence[_PreparedReference], search: Search
 ) -> Float[Tensor, "1 h w"]:
     """Compiled version of `search_torch`."""
     from gaussian_enhancer.align.depth_search_kernels import find_cost_minima, find_costs
     from gaussian_enhancer.splat.compiled import kernel_lock
 
-    steps = np.linspace(-1, 1, how.hypotheses, dtype=np.float32)
-    multipliers = np.exp(steps * np.float32(math.log1p(how.span)))
-    cost, weight = np.empty((2, *z.shape[-2:], how.hypotheses), np.float32)
+    steps = np.linspace(-1, 1, search.hypotheses, dtype=np.float32)
+    multipliers = np.exp(steps * np.float32(math.log1p(search.span)))
+    cost, weight = np.empty((2, *z.shape[-2:], search.hypotheses), np.float32)
     best = np.empty(z.shape[-2:], np.float32)
-    matrices, offsets = (
-        np.stack(item) for item in zip(*(kernel_projection(item.projection)[:2] for item in seen), strict=True)
-    )
-    sizes = np.array([(item.projection.width, item.projection.height) for item in seen])
+    projections = [kernel_projection(reference.projection) for reference in references]
+    matrices, offsets = (np.stack([projection[k] for projection in projections]) for k in range(2))
+    sizes = np.array([(reference.projection.width, reference.projection.height) for reference in references])
     with kernel_lock:
-        images, starts = _pack_references(seen)
+        images, starts = _pack_references(references)
         geometry = matrices, offsets, sizes, starts, np.float32(MIN_RELATIVE_Z)
-        colours = images, kernel_image(torch.cat([item.counts for item in seen])), _interleaved_channels(image)
-        cost_settings = np.float32(how.inconsistency), np.float32(VARIANCE_EPSILON), cost, weight
-        find_costs(kernel_image(z[0]), multipliers, *geometry, *colours, *cost_settings)
-        find_cost_minima(
-            cost, weight, steps, np.float32(how.penalty), np.float32(INVISIBLE_COST), how.window // 2, best
+        masks = kernel_image(torch.cat([reference.mask for reference in references]))
+        cost_settings = np.float32(search.inconsistency), np.float32(VARIANCE_EPSILON), cost, weight
+        find_costs(
+            kernel_image(z[0]), multipliers, *geometry, images, masks, _interleaved_channels(image), *cost_settings
         )
+        limits = np.float32(search.penalty), np.float32(INVISIBLE_COST), search.window // 2
+        find_cost_minima(cost, weight, steps, *limits, best)
     return torch.from_numpy(best)[None]
 
 
-def _pack_references(seen: Sequence[_PreparedReference]) -> tuple[np.ndarray, np.ndarray]:
+def _pack_references(references: Sequence[_PreparedReference]) -> tuple[np.ndarray, np.ndarray]:
     """Pack all references' pixels in the target's colours, with photo and render as six channels; return the offsets.
 
     Each reference is followed by an extra row and pixel, since the kernel reads them, with weight zero, at the border.
     """
     from gaussian_enhancer.align.depth_search_kernels import pack
 
-    lengths = [(reference.projection.height + 1) * reference.projection.width + 1 for reference in seen]
+    lengths = [(reference.projection.height + 1) * reference.projection.width + 1 for reference in references]
     starts = np.cumsum([0, *lengths[:-1]])
     images = np.empty((sum(lengths), 6), np.float32)
-    for start, length, reference in zip(starts, lengths, seen, strict=True):
+    for start, length, reference in zip(starts, lengths, references, strict=True):
         count = reference.projection.height * reference.projection.width
         pixels = images[start : start + count].reshape(*reference.photo.shape[-2:], 6)
-        pack(kernel_image(reference.photo), kernel_image(reference.render), kernel_image(reference.colours), pixels)
+        pack(kernel_image(reference.photo), kernel_image(reference.render), kernel_image(reference.transform), pixels)
         images[start + count : start + length] = 0
     return images, starts
 
@@ -234,26 +231,26 @@ def _prepare_source(
     z: Float[Tensor, "1 h w"],
     image: Float[Tensor, "3 h w"],
     source: Source,
-    how: Search,
+    search: Search,
 ) -> _PreparedReference:
     """Prepare a reference: resize it to at most the target's resolution, and fit its colours at the rendered depth."""
     ratio = float(source.camera.resized(*source.photo.shape[-2:]).K[0, 0] / target.K[0, 0])
     height, width = (max(1, round(side / max(1.0, ratio))) for side in source.photo.shape[-2:])
     photo = _resized(source.photo.to(image.dtype), height, width)
     render = photo if source.render is None else _resized(source.render.to(image.dtype), height, width)
-    projection = ReferenceProjection.between(target, source.camera.resized(height, width), z).with_stride(how.stride)
-    landing = project_pixels(projection, z)
-    sampled = sample_projected(render, landing, (height, width), landing.inside)
-    colours = fit_colour(sampled, image, landing.inside).to(photo)
-    counts = landing.inside
-    if how.photo_consistency is not None:
-        fitted = Warped(_apply_colours(sampled, colours), counts)
-        counts = counts * (photometric_difference(fitted, image) < how.photo_consistency)
-    return _PreparedReference(projection, photo, render, colours, counts)
+    projection = ReferenceProjection.between(target, source.camera.resized(height, width), z).with_stride(search.stride)
+    projected = project_pixels(projection, z)
+    sampled = sample_projected(render, projected, (height, width), projected.inside)
+    transform = fit_colour(sampled, image, projected.inside).to(photo)
+    mask = projected.inside
+    if search.photo_consistency is not None:
+        fitted = Warped(_apply_colours(sampled, transform), mask)
+        mask = mask * (photometric_difference(fitted, image) < search.photo_consistency)
+    return _PreparedReference(projection, photo, render, transform, mask)
 
 
-def _apply_colours(image: Float[Tensor, "*m 3 _ _"], colours: Float[Tensor, "3 2"]) -> Float[Tensor, "*m 3 _ _"]:
-    return image * colours[:, :1, None] + colours[:, 1:, None]
+def _apply_colours(image: Float[Tensor, "*m 3 _ _"], transform: Float[Tensor, "3 2"]) -> Float[Tensor, "*m 3 _ _"]:
+    return image * transform[:, :1, None] + transform[:, 1:, None]
 
 
 def _interpolate_change(

@@ -12,21 +12,19 @@ from numba import prange
 from gaussian_enhancer.splat.compiled import inner, kernel
 
 _F = np.float32
-
-
 _NEXT = np.uint64(1)
 _ZERO, _ONE, _THREE, _HALF = _F(0), _F(1), _F(3), _F(0.5)
 
 
 @kernel
 @no_type_check
-def pack(photo, render, colours, result):
+def pack(photo, render, transform, result):
     """Write the pixels of a photo and a render as six channels, (h, w, 6), each gain x colour + offset."""
     _, height, width = photo.shape
     for y in prange(height):
         for x in range(width):
             for c in range(3):
-                gain, offset = colours[c, 0], colours[c, 1]
+                gain, offset = transform[c, 0], transform[c, 1]
                 result[y, x, c] = gain * photo[c, y, x] + offset
                 result[y, x, 3 + c] = gain * render[c, y, x] + offset
 
@@ -40,40 +38,40 @@ def find_costs(
     offsets,
     sizes,
     starts,
-    in_front,
+    min_relative_z,
     images,
-    counts,
+    mask,
     image,
     inconsistency,
-    tiny,
+    variance_epsilon,
     cost,
     weight,
 ):
-    """Write the cost of each hypothesis and its weight: 1 if it is visible in a view, else 0.
+    """Write the cost of each hypothesis and its weight: 1 if it is visible in a reference, else 0.
 
-    ``images`` holds the pixels of all views one after the other, with photo and render as six channels. View r begins
-    at pixel starts[r], has sizes[r] = (width, height) and an extra row. All views of a hypothesis are read in one loop,
-    so that its sums stay in registers.
+    ``images`` holds the pixels of all references one after the other, with photo and render as six channels. Reference
+    r begins at pixel starts[r] and has sizes[r] = (width, height) and an extra row. All references are read in one loop
+    for each hypothesis, so that its sums stay in registers.
     """
     height, width, hypotheses = cost.shape
     views = len(starts)
     for y in prange(height):
         pixel = np.empty((views, hypotheses), np.int64)
         across, down = np.empty((2, views, hypotheses), np.float32)
-        inside = np.empty((views, hypotheses), np.float32)
+        visible = np.empty((views, hypotheses), np.float32)
         for x in range(width):
             for r in range(views):
                 position = _F(x) + _HALF, _F(y) + _HALF
                 _write_projections(
-                    depth[y, x], multipliers, matrices[r], offsets[r], position, sizes[r], starts[r], in_front,
-                    counts[r, y, x], pixel[r], across[r], down[r], inside[r],
+                    depth[y, x], multipliers, matrices[r], offsets[r], position, sizes[r], starts[r], min_relative_z,
+                    mask[r, y, x], pixel[r], across[r], down[r], visible[r],
                 )  # fmt: skip
             red, green, blue = image[y, x, 0], image[y, x, 1], image[y, x, 2]
             for k in range(hypotheses):
                 n, squares, difference = _ZERO, _ZERO, _ZERO
                 total0, total1, total2 = _ZERO, _ZERO, _ZERO
                 for r in range(views):
-                    if inside[r, k] == _ZERO:
+                    if visible[r, k] == _ZERO:
                         continue
                     p, fx, fy = np.uint64(pixel[r, k]), across[r, k], down[r, k]
                     q = p + np.uint64(sizes[r, 0])
@@ -91,7 +89,7 @@ def find_costs(
                     total = total0 * total0 + total1 * total1 + total2 * total2
                     mean = difference / (_THREE * n)
                     variance = max(squares - total / n, _ZERO) / (_THREE * max(n - _ONE, _ONE))
-                    spread = np.sqrt(variance + tiny) if n > _ONE else mean
+                    spread = np.sqrt(variance + variance_epsilon) if n > _ONE else mean
                     cost[y, x, k] = mean + inconsistency * spread
                     weight[y, x, k] = _ONE
 
@@ -99,24 +97,24 @@ def find_costs(
 @inner
 @no_type_check
 def _write_projections(
-    depth, multipliers, matrix, offset, position, size, start, in_front, counts, pixel, across, down, inside
+    depth, multipliers, matrix, offset, position, size, start, min_relative_z, mask, pixel, across, down, visible
 ):
-    """Write the projection of each hypothesis: upper left pixel, fractional offset from it, and whether inside."""
+    """Write the projection of each hypothesis: upper left pixel, fractional offset from it, and 1 where visible."""
     a, b = position
     width, height = _F(size[0]), _F(size[1])
-    across_slope = matrix[0, 0] * a + matrix[0, 1] * b + matrix[0, 2]
-    down_slope = matrix[1, 0] * a + matrix[1, 1] * b + matrix[1, 2]
-    far_slope = matrix[2, 0] * a + matrix[2, 1] * b + matrix[2, 2]
+    x_slope = matrix[0, 0] * a + matrix[0, 1] * b + matrix[0, 2]
+    y_slope = matrix[1, 0] * a + matrix[1, 1] * b + matrix[1, 2]
+    z_slope = matrix[2, 0] * a + matrix[2, 1] * b + matrix[2, 2]
     for k in range(len(multipliers)):
         z = depth * multipliers[k]
-        far = z * far_slope + offset[2]
-        ahead = far > in_front * z
-        share = _ONE / (far if ahead else _ONE)
-        u, v = (z * across_slope + offset[0]) * share, (z * down_slope + offset[1]) * share
-        visible = ahead and u >= _ZERO and u <= width and v >= _ZERO and v <= height and counts > _ZERO
+        reference_z = z * z_slope + offset[2]
+        in_front = reference_z > min_relative_z * z
+        inverse_z = _ONE / (reference_z if in_front else _ONE)
+        u, v = (z * x_slope + offset[0]) * inverse_z, (z * y_slope + offset[1]) * inverse_z
+        is_visible = in_front and u >= _ZERO and u <= width and v >= _ZERO and v <= height and mask > _ZERO
         u, v = min(max(u - _HALF, _ZERO), width - _ONE), min(max(v - _HALF, _ZERO), height - _ONE)
         column, row = np.int32(u), np.int32(v)
-        across[k], down[k], inside[k] = u - _F(column), v - _F(row), _ONE if visible else _ZERO
+        across[k], down[k], visible[k] = u - _F(column), v - _F(row), _ONE if is_visible else _ZERO
         pixel[k] = start + row * size[0] + column
 
 
@@ -132,7 +130,7 @@ def _interpolate_channel(images, p, q, channel, fx, fy):
 
 @kernel
 @no_type_check
-def find_cost_minima(cost, weight, steps, penalty, dearest, radius, best):
+def find_cost_minima(cost, weight, steps, penalty, invisible_cost, radius, best):
     """Average costs over windows; write each pixel's step of least cost, refined by a parabola; 0 if not visible."""
     height, width, count = cost.shape
     for y in prange(height):
@@ -148,13 +146,15 @@ def find_cost_minima(cost, weight, steps, penalty, dearest, radius, best):
         for x in range(width):
             left, right = max(0, x - radius), min(width, x + radius + 1)
             area = _F((below - above) * (right - left))
-            visible = _window_costs(column_cost, column_weight, left, right, area, steps, penalty, dearest, mean, share)
+            visible = _window_costs(
+                column_cost, column_weight, left, right, area, steps, penalty, invisible_cost, mean, share
+            )
             best[y, x] = _refine_minimum(mean, steps) if visible else _F(0)
 
 
 @inner
 @no_type_check
-def _window_costs(column_cost, column_weight, left, right, area, steps, penalty, dearest, mean, share):
+def _window_costs(column_cost, column_weight, left, right, area, steps, penalty, invisible_cost, mean, share):
     """Mean cost of each hypothesis over a window plus its penalty; return whether the rendered depth is visible."""
     count = len(steps)
     mean[:], share[:] = 0, 0
@@ -164,7 +164,7 @@ def _window_costs(column_cost, column_weight, left, right, area, steps, penalty,
             share[k] += column_weight[i, k]
     for k in range(count):
         visible = share[k] > _F(0.1) * area
-        mean[k] = mean[k] / share[k] + penalty * abs(steps[k]) if visible else dearest
+        mean[k] = mean[k] / share[k] + penalty * abs(steps[k]) if visible else invisible_cost
     return share[count // 2] > _F(0.1) * area
 
 

@@ -33,9 +33,9 @@ def smooth_depth(depth: Float[Tensor, "1 h w"], render: Float[Tensor, "3 h w"]) 
     """Smooth depth by fitting a plane to the inverse depth around each pixel.
 
     Planes are linear in inverse depth. Each pass fits one plane per pixel to 5x5 samples by least squares. A sample has
-    the weight 1 / ((1 + (p / SPREAD)^2)^2 (1 + (c / CONTRAST)^2)). Here p is the difference of its inverse depth from
-    the pixel's, relative to the pixel's, and c is its mean colour difference. This preserves edges of depth and of
-    colour. The result does not depend on scene units.
+    the weight 1 / ((1 + (p / `DEPTH_TOLERANCE`)^2)^2 (1 + (c / `COLOUR_TOLERANCE`)^2)). Here p is the difference of its
+    inverse depth from the pixel's, relative to the pixel's, and c is its mean colour difference. This preserves edges
+    of depth and of colour. The result does not depend on scene units.
 
     Args:
         depth: z, positive and finite.
@@ -55,7 +55,7 @@ def fit_planes_torch(
     """Offset of each pixel's fitted plane from its inverse depth, relative to that; readable twin of the kernel.
 
     Args:
-        depth: z, with a margin of ``REACH`` samples on every side.
+        depth: z, with a margin of `WINDOW_RADIUS` samples on every side.
         render: colours, with the same margin.
         step: pixels between samples.
     """

@@ -53,9 +53,9 @@ def fit_colour(
     for _ in range(iterations):
         residual = gain * s + offset - t
         w = mass / (1 + (residual / robustness) ** 2) ** 2
-        pull = prior * mass.sum()
-        a, b, c = (w * s * s).sum(1) + pull / 4, (w * s).sum(1), w.sum(1) + pull
-        u, v = (w * s * t).sum(1) + pull / 4, (w * t).sum(1)
+        prior_weight = prior * mass.sum()
+        a, b, c = (w * s * s).sum(1) + prior_weight / 4, (w * s).sum(1), w.sum(1) + prior_weight
+        u, v = (w * s * t).sum(1) + prior_weight / 4, (w * t).sum(1)
         determinant = (a * c - b * b).clamp_min(1e-12)
         gain = ((u * c - v * b) / determinant).clamp(1 / 3, 3)[:, None]
         offset = ((v - gain[:, 0] * b) / c)[:, None]

@@ -75,14 +75,14 @@ def fit_channels(mass, means, robustness, prior, iterations, result):
     total_mass = 0.0
     for k in range(len(mass)):
         total_mass += mass[k]
-    pull = prior * total_mass
+    prior_weight = prior * total_mass
     for c in prange(means.shape[1]):
         weights = np.empty(len(mass), np.float64)
         gain, offset = 1.0, 0.0
         for _ in range(iterations):
             _reweight(mass, means[0, c], means[1, c], gain, offset, robustness, weights)
             ss, s, w, st, t = _moments(weights, means[0, c], means[1, c])
-            ss, w, st = ss + pull / 4, w + pull, st + pull / 4
+            ss, w, st = ss + prior_weight / 4, w + prior_weight, st + prior_weight / 4
             gain = (st * w - t * s) / max(ss * w - s * s, 1e-12)
             gain = min(max(gain, 1 / 3), 3.0)
             offset = (t - gain * s) / w
@@ -105,10 +105,10 @@ def _moments(weights, source, target):
     """Weighted sums of s s, s, 1, s t and t, in double precision."""
     ss = s = w = st = t = 0.0
     for k in range(len(weights)):
-        weight, first, second = weights[k], np.float64(source[k]), np.float64(target[k])
-        ss += weight * first * first
-        s += weight * first
+        weight, source_value, target_value = weights[k], np.float64(source[k]), np.float64(target[k])
+        ss += weight * source_value * source_value
+        s += weight * source_value
         w += weight
-        st += weight * first * second
-        t += weight * second
+        st += weight * source_value * target_value
+        t += weight * target_value
     return ss, s, w, st, t

@@ -18,19 +18,19 @@ WINDOW = 7
 """Side in pixels of the squares over which references are compared with the render."""
 
 
-def rank_references(worth: Sequence[Float[Tensor, "1 h w"]], keep: int) -> list[int]:
+def rank_references(weights: Sequence[Float[Tensor, "1 h w"]], keep: int) -> list[int]:
     """Indices of the references that together show most of the target, best first.
 
     References are selected greedily: the next one is that which increases the maximum weight so far the most. A tenth
     of its mean weight is added, so that photo-consistency decides between references that show the same.
 
     Args:
-        worth: weight of each reference at each pixel, at least 0 (`reference_weight`).
+        weights: weight of each reference at each pixel, at least 0 (`reference_weight`).
         keep: maximum number of returned indices.
     """
-    if not worth:
+    if not weights:
         return []
-    flat_weights = [weight.flatten() for weight in worth]
+    flat_weights = [weight.flatten() for weight in weights]
     mean = torch.stack([weight.mean() for weight in flat_weights])
     order: list[int] = []
     candidates, increase, maximum = list(range(len(flat_weights))), mean, torch.zeros_like(flat_weights[0])

@@ -110,22 +110,25 @@ def project_pixels(projection: ReferenceProjection, depth: Float[Tensor, "m h w"
 
 
 def depth_consistency(
-    projection: ReferenceProjection, depth: Float[Tensor, "1 h w"], seen: Float[Tensor, "1 _ _"], tolerance: float
+    projection: ReferenceProjection,
+    depth: Float[Tensor, "1 h w"],
+    reference_depth: Float[Tensor, "1 _ _"],
+    tolerance: float,
 ) -> Float[Tensor, "1 h w"]:
     """exp(-((z - z') / (tolerance z))^2 / 2) for a point's depth z in the reference and the rendered depth z' there.
 
     Args:
         projection: projection from the target to the reference.
         depth: z of the target, positive and finite.
-        seen: rendered z of the reference, of any size, sampled at the nearest pixel; where it is 0 the result is 1.
+        reference_depth: rendered z of the reference, of any size, sampled at the nearest pixel; where it is 0, the
+            result is 1.
         tolerance: relative depth difference of one standard deviation, > 0.
     """
-    if not can_use_kernels(depth, seen):
+    if not can_use_kernels(depth, reference_depth):
         x, y, z, _ = _project_pixels(projection, depth)
-        rows, columns = seen.shape[-2:]
-        sampled_depth = sample_image(seen, x * (columns / projection.width), y * (rows / projection.height), "nearest")[
-            :, 0
-        ]
+        rows, columns = reference_depth.shape[-2:]
+        x, y = x * (columns / projection.width), y * (rows / projection.height)
+        sampled_depth = sample_image(reference_depth, x, y, "nearest")[:, 0]
         difference = (z - sampled_depth) / (tolerance * z.clamp_min(torch.finfo(z.dtype).tiny))
         return torch.where(sampled_depth > 0, torch.exp(-0.5 * difference**2), 1.0)
     from gaussian_enhancer.align.reproject_kernels import depth_agreement
@@ -136,7 +139,7 @@ def depth_consistency(
         depth_agreement(
             kernel_image(depth[0]),
             *kernel_projection(projection),
-            kernel_image(seen[0]),
+            kernel_image(reference_depth[0]),
             np.float32(tolerance),
             result[0].numpy(),
         )
@@ -144,32 +147,34 @@ def depth_consistency(
 
 
 def sample_projected_pair(
-    image: Float[Tensor, "3 p q"],
-    other: Float[Tensor, "3 _ _"],
-    landing: ProjectedPixels,
+    first: Float[Tensor, "3 p q"],
+    second: Float[Tensor, "3 _ _"],
+    projected: ProjectedPixels,
     size: tuple[int, int],
     where: Float[Tensor, "1 h w"],
     interpolation: Interpolation = "bilinear",
 ) -> tuple[Float[Tensor, "3 h w"], Float[Tensor, "3 h w"]]:
     """Apply `sample_projected` to two images; images of the same size are sampled together by bicubic interpolation."""
-    together = interpolation == "bicubic" and image.shape == other.shape
-    if not (together and can_use_kernels(image, other, landing.x, where)):
-        first, second = (sample_projected(source, landing, size, where, interpolation) for source in (image, other))
-        return first, second
+    interleaved = interpolation == "bicubic" and first.shape == second.shape
+    if not (interleaved and can_use_kernels(first, second, projected.x, where)):
+        options = projected, size, where, interpolation
+        return sample_projected(first, *options), sample_projected(second, *options)
     from gaussian_enhancer.align.reproject_kernels import sample_bicubic_pair
     from gaussian_enhancer.splat.compiled import kernel_lock
 
-    down, across = (np.float32(side / whole) for side, whole in zip(image.shape[-2:], size, strict=True))
-    first, second = (image.new_empty(len(image), *where.shape[-2:]) for _ in range(2))
-    positions = kernel_image(landing.x[0]), kernel_image(landing.y[0]), across, down, kernel_image(where[0])
+    down, across = np.float32(first.shape[-2] / size[0]), np.float32(first.shape[-1] / size[1])
+    samples = first.new_empty(2, len(first), *where.shape[-2:])
+    positions = kernel_image(projected.x[0]), kernel_image(projected.y[0]), across, down, kernel_image(where[0])
     with kernel_lock:
-        sample_bicubic_pair(kernel_image(image), kernel_image(other), *positions, first.numpy(), second.numpy())
-    return first, second
+        sample_bicubic_pair(
+            kernel_image(first), kernel_image(second), *positions, samples[0].numpy(), samples[1].numpy()
+        )
+    return samples[0], samples[1]
 
 
 def sample_projected(
     image: Float[Tensor, "c p q"] | UInt8[Tensor, "c p q"],
-    landing: ProjectedPixels,
+    projected: ProjectedPixels,
     size: tuple[int, int],
     where: Float[Tensor, "1 h w"],
     interpolation: Interpolation = "bilinear",
@@ -178,7 +183,7 @@ def sample_projected(
 
     Args:
         image: the image; for bilinear interpolation it may be 8-bit, and values stay in [0, 255].
-        landing: positions in pixels of the reference.
+        projected: positions in pixels of the reference.
         size: height and width of the reference in those pixels; the image may have another size.
         where: positive at pixels that are sampled.
         interpolation: "bilinear", or "bicubic" (cubic convolution, clamped to [0, 1]), which blurs less.
@@ -187,15 +192,15 @@ def sample_projected(
     eight_bit = image.dtype == torch.uint8
     if eight_bit and interpolation != "bilinear":
         raise ValueError("8-bit images are read bilinearly")
-    if not ((eight_bit or can_use_kernels(image)) and can_use_kernels(landing.x, where)):
-        values = image.to(landing.x) if eight_bit else image
-        samples = sample_image(values, landing.x * across, landing.y * down, interpolation)[0]
+    if not ((eight_bit or can_use_kernels(image)) and can_use_kernels(projected.x, where)):
+        values = image.to(projected.x) if eight_bit else image
+        samples = sample_image(values, projected.x * across, projected.y * down, interpolation)[0]
         return (samples if interpolation == "bilinear" else samples.clamp(0, 1)) * (where > 0)
     from gaussian_enhancer.align.reproject_kernels import sample_bicubic, sample_bilinear
     from gaussian_enhancer.splat.compiled import kernel_lock
 
     result = where.new_empty(len(image), *where.shape[-2:])
-    positions = kernel_image(landing.x[0]), kernel_image(landing.y[0]), np.float32(across), np.float32(down)
+    positions = kernel_image(projected.x[0]), kernel_image(projected.y[0]), np.float32(across), np.float32(down)
     with kernel_lock:
         kernel = sample_bilinear if interpolation == "bilinear" else sample_bicubic
         kernel(kernel_image(image), *positions, kernel_image(where[0]), result.numpy())

@@ -23,6 +23,7 @@ from gaussian_enhancer.align.projection import (
 from gaussian_enhancer.types import FARTHEST_DEPTH, Camera, usable_depth
 
 FAINTEST = 1 / 255
+"""Visibility below which a pixel counts as not visible: one step of 8 bits."""
 DOWNSAMPLING_FOOTPRINT = 1.2
 """Footprint in photo pixels of a target pixel from which on a photo is downsampled before it is sampled."""
 FOOTPRINT_SAMPLES = 2**12
@@ -53,8 +54,8 @@ def fill_depth(depth: Float[Tensor, "1 h w"]) -> Float[Tensor, "1 h w"]:
     Args:
         depth: z in scene units; pixels that are not `usable_depth` are holes.
     """
-    least, most = depth.aminmax()  # both are NaN if any value is NaN
-    if bool((least > 0) & (most < torch.inf) & (most <= FARTHEST_DEPTH)):
+    minimum, maximum = depth.aminmax()  # both are NaN if any value is NaN
+    if bool((minimum > 0) & (maximum < torch.inf) & (maximum <= FARTHEST_DEPTH)):
         return depth
     valid = usable_depth(depth)
     inverse = torch.where(valid, 1.0 / torch.where(valid, depth, torch.ones_like(depth)), torch.zeros_like(depth))
@@ -109,8 +110,8 @@ def reproject(
     depth = depth.to(dtype)
     size = (photo.shape[-2], photo.shape[-1])
     projection = ReferenceProjection.between(target, reference.resized(*size), depth)
-    landing = project_pixels(projection, fill_depth(depth))
-    visibility = landing.inside
+    projected = project_pixels(projection, fill_depth(depth))
+    visibility = projected.inside
     if alpha is None:
         visibility = visibility * usable_depth(depth)
     else:
@@ -118,14 +119,14 @@ def reproject(
     if reference_depth is not None:
         compared_depth = fill_depth(depth if rendered_depth is None else rendered_depth.to(dtype))
         visibility = visibility * depth_consistency(projection, compared_depth, reference_depth.to(dtype), tolerance)
-    # Visibility below one 8-bit step is set to 0: arithmetic on denormal numbers is tens of times slower.
+    # Arithmetic on denormal numbers is tens of times slower.
     visibility = torch.where(visibility < FAINTEST, 0.0, visibility)
-    footprint = _median_footprint(landing) if footprint is None else footprint
+    footprint = _median_footprint(projected) if footprint is None else footprint
     photo = _shrink_photo(photo, footprint, dtype)
     if render is None:
-        return Warped(sample_projected(photo, landing, size, visibility, interpolation), visibility)
+        return Warped(sample_projected(photo, projected, size, visibility, interpolation), visibility)
     render = _shrink_photo(render, footprint * render.shape[-1] / size[1], dtype)
-    colour, rendered = sample_projected_pair(photo, render, landing, size, visibility, interpolation)
+    colour, rendered = sample_projected_pair(photo, render, projected, size, visibility, interpolation)
     return Warped(colour, visibility, rendered)
 
 
@@ -140,19 +141,20 @@ def footprint_between(target: Camera, depth: Float[Tensor, "1 h w"], reference: 
     return _median_footprint(project_pixels(ReferenceProjection.between(target, reference, depth), depth))
 
 
-def _median_footprint(landing: ProjectedPixels) -> float:
+def _median_footprint(projected: ProjectedPixels) -> float:
     """Median distance, in pixels of the reference, between the projections of neighbouring target pixels.
 
     The median is taken over some 4,000 evenly spread pixels.
     """
-    height, width = landing.x.shape[-2:]
+    height, width = projected.x.shape[-2:]
     if min(height, width) < 2:
         return 1.0
     step = max(1, math.isqrt(height * width // FOOTPRINT_SAMPLES))
-    here = (0, slice(0, height - 1, step), slice(0, width - 1, step))
-    right, below = (here[0], here[1], slice(1, width, step)), (here[0], slice(1, height, step), here[2])
-    (ax, ay), (bx, by) = ((landing.x[at] - landing.x[here], landing.y[at] - landing.y[here]) for at in (right, below))
-    area = (ax * by - bx * ay).abs()[landing.inside[here] > 0]
+    origin = (0, slice(0, height - 1, step), slice(0, width - 1, step))
+    right, below = (origin[0], origin[1], slice(1, width, step)), (origin[0], slice(1, height, step), origin[2])
+    x, y = projected.x, projected.y
+    (ax, ay), (bx, by) = ((x[pixels] - x[origin], y[pixels] - y[origin]) for pixels in (right, below))
+    area = (ax * by - bx * ay).abs()[projected.inside[origin] > 0]
     return float(area.detach().median().sqrt()) if area.numel() else 1.0
 
 

@@ -18,25 +18,25 @@ _TINY = _F(np.finfo(np.float32).tiny)
 
 @kernel
 @no_type_check
-def project_pixels(depth, matrix, offset, width, height, in_front, columns, rows, inside):
+def project_pixels(depth, matrix, offset, width, height, min_relative_z, columns, rows, inside):
     """Write the projection of each pixel into a reference of ``width`` x ``height`` pixels, and 1 where inside."""
     for y in prange(depth.shape[0]):
         for x in range(depth.shape[1]):
-            u, v, _, ok = _project_pixel(x, y, depth[y, x], matrix, offset, width, height, in_front)
-            columns[y, x], rows[y, x], inside[y, x] = u, v, _ONE if ok else _ZERO
+            u, v, _, is_inside = _project_pixel(x, y, depth[y, x], matrix, offset, width, height, min_relative_z)
+            columns[y, x], rows[y, x], inside[y, x] = u, v, _ONE if is_inside else _ZERO
 
 
 @kernel
 @no_type_check
-def depth_agreement(depth, matrix, offset, width, height, in_front, seen, tolerance, result):
-    """Write exp(-((z - z') / (tolerance z))^2 / 2), where z' is ``seen`` at the nearest pixel; 1 where z' is 0."""
-    high, wide = seen.shape
+def depth_agreement(depth, matrix, offset, width, height, min_relative_z, reference_depth, tolerance, result):
+    """Write exp(-((z - z') / (tolerance z))^2 / 2), z' being ``reference_depth`` at the nearest pixel; 1 if z' is 0."""
+    depth_height, depth_width = reference_depth.shape
     for y in prange(depth.shape[0]):
         for x in range(depth.shape[1]):
-            u, v, z, _ = _project_pixel(x, y, depth[y, x], matrix, offset, width, height, in_front)
-            column = _nearest_pixel(u * (_F(wide) / width), wide)
-            row = _nearest_pixel(v * (_F(high) / height), high)
-            expected_depth = seen[row, column]
+            u, v, z, _ = _project_pixel(x, y, depth[y, x], matrix, offset, width, height, min_relative_z)
+            column = _nearest_pixel(u * (_F(depth_width) / width), depth_width)
+            row = _nearest_pixel(v * (_F(depth_height) / height), depth_height)
+            expected_depth = reference_depth[row, column]
             difference = (z - expected_depth) / (tolerance * max(z, _TINY))
             # Rounding may exceed 1.
             consistency = min(exp2_nonpositive(-_HALF * _LOG2E * difference * difference), _ONE)
@@ -45,15 +45,15 @@ def depth_agreement(depth, matrix, offset, width, height, in_front, seen, tolera
 
 @inner
 @no_type_check
-def _project_pixel(x, y, depth, matrix, offset, width, height, in_front):
+def _project_pixel(x, y, depth, matrix, offset, width, height, min_relative_z):
     """Column, row and z in the reference of a target pixel at a depth, and whether it is inside and in front."""
     a, b = _F(x) + _HALF, _F(y) + _HALF
     z = depth * (matrix[2, 0] * a + matrix[2, 1] * b + matrix[2, 2]) + offset[2]
-    ahead = z > in_front * depth
-    share = _ONE / z if ahead else _ONE
-    u = (depth * (matrix[0, 0] * a + matrix[0, 1] * b + matrix[0, 2]) + offset[0]) * share
-    v = (depth * (matrix[1, 0] * a + matrix[1, 1] * b + matrix[1, 2]) + offset[1]) * share
-    return u, v, z, ahead and u >= _ZERO and u <= width and v >= _ZERO and v <= height
+    in_front = z > min_relative_z * depth
+    inverse_z = _ONE / z if in_front else _ONE
+    u = (depth * (matrix[0, 0] * a + matrix[0, 1] * b + matrix[0, 2]) + offset[0]) * inverse_z
+    v = (depth * (matrix[1, 0] * a + matrix[1, 1] * b + matrix[1, 2]) + offset[1]) * inverse_z
+    return u, v, z, in_front and u >= _ZERO and u <= width and v >= _ZERO and v <= height
 
 
 @inner
@@ -66,15 +66,15 @@ def _nearest_pixel(position, count):
 @kernel
 @no_type_check
 def sample_bilinear(image, columns, rows, across, down, where, result):
-    """Sample an image bilinearly at (columns x across, rows x down); write 0 where ``where`` is not positive."""
-    channels, high, wide = image.shape
+    """Write samples of an image at (columns x across, rows x down), bilinear; 0 where ``where`` is not positive."""
+    channels, height, width = image.shape
     for y in prange(where.shape[0]):
         for x in range(where.shape[1]):
             if where[y, x] > _ZERO:
-                u = min(max(columns[y, x] * across - _HALF, _ZERO), _F(wide - 1))
-                v = min(max(rows[y, x] * down - _HALF, _ZERO), _F(high - 1))
+                u = min(max(columns[y, x] * across - _HALF, _ZERO), _F(width - 1))
+                v = min(max(rows[y, x] * down - _HALF, _ZERO), _F(height - 1))
                 x0, y0 = int(u), int(v)
-                x1, y1 = min(x0 + 1, wide - 1), min(y0 + 1, high - 1)
+                x1, y1 = min(x0 + 1, width - 1), min(y0 + 1, height - 1)
                 fx, fy = u - _F(x0), v - _F(y0)
                 for c in range(channels):
                     p, q, r, t = _F(image[c, y0, x0]), _F(image[c, y0, x1]), _F(image[c, y1, x0]), _F(image[c, y1, x1])
@@ -120,12 +120,12 @@ def _four_samples(position, count):
 @no_type_check
 def sample_bicubic(image, columns, rows, across, down, where, result):
     """As `sample_bilinear`, by cubic convolution clamped to [0, 1]; outside the image, the border's values are used."""
-    channels, high, wide = image.shape
+    channels, height, width = image.shape
     for y in prange(where.shape[0]):
         for x in range(where.shape[1]):
             if where[y, x] > _ZERO:
-                i0, i1, i2, i3, a0, a1, a2, a3 = _four_samples(columns[y, x] * across - _HALF, wide)
-                j0, j1, j2, j3, b0, b1, b2, b3 = _four_samples(rows[y, x] * down - _HALF, high)
+                i0, i1, i2, i3, a0, a1, a2, a3 = _four_samples(columns[y, x] * across - _HALF, width)
+                j0, j1, j2, j3, b0, b1, b2, b3 = _four_samples(rows[y, x] * down - _HALF, height)
                 for c in range(channels):
                     p = image[c]
                     r0 = a0 * p[j0, i0] + a1 * p[j0, i1] + a2 * p[j0, i2] + a3 * p[j0, i3]
@@ -140,20 +140,20 @@ def sample_bicubic(image, columns, rows, across, down, where, result):
 
 @kernel
 @no_type_check
-def sample_bicubic_pair(first, second, columns, rows, across, down, where, one, other):
+def sample_bicubic_pair(first, second, columns, rows, across, down, where, first_result, second_result):
     """`sample_bicubic` of two images of the same size, whose channels are interleaved and processed as one vector."""
-    channels, high, wide = first.shape
-    pixels = np.zeros((high, wide, 8), np.float32)
-    for y in prange(high):
-        for x in range(wide):
+    channels, height, width = first.shape
+    pixels = np.zeros((height, width, 8), np.float32)
+    for y in prange(height):
+        for x in range(width):
             for c in range(channels):
                 pixels[y, x, c], pixels[y, x, 4 + c] = first[c, y, x], second[c, y, x]
     for y in prange(where.shape[0]):
         total = np.empty(8, np.float32)
         for x in range(where.shape[1]):
             if where[y, x] > _ZERO:
-                i0, i1, i2, i3, a0, a1, a2, a3 = _four_samples(columns[y, x] * across - _HALF, wide)
-                j0, j1, j2, j3, b0, b1, b2, b3 = _four_samples(rows[y, x] * down - _HALF, high)
+                i0, i1, i2, i3, a0, a1, a2, a3 = _four_samples(columns[y, x] * across - _HALF, width)
+                j0, j1, j2, j3, b0, b1, b2, b3 = _four_samples(rows[y, x] * down - _HALF, height)
                 for c in range(8):
                     r0 = a0 * pixels[j0, i0, c] + a1 * pixels[j0, i1, c]
                     r0 += a2 * pixels[j0, i2, c] + a3 * pixels[j0, i3, c]
@@ -165,10 +165,10 @@ def sample_bicubic_pair(first, second, columns, rows, across, down, where, one, 
                     r3 += a2 * pixels[j3, i2, c] + a3 * pixels[j3, i3, c]
                     total[c] = min(max(b0 * r0 + b1 * r1 + b2 * r2 + b3 * r3, _ZERO), _ONE)
                 for c in range(channels):
-                    one[c, y, x], other[c, y, x] = total[c], total[4 + c]
+                    first_result[c, y, x], second_result[c, y, x] = total[c], total[4 + c]
             else:
                 for c in range(channels):
-                    one[c, y, x] = other[c, y, x] = _ZERO
+                    first_result[c, y, x] = second_result[c, y, x] = _ZERO
 
 
 @kernel
@@ -195,8 +195,8 @@ def window_difference(colour, image, visibility, radius, result):
             _add(sums[1], columns[1, i : i + width])
         for x in range(width):
             count = min(width, x + radius + 1) - max(0, x - radius)
-            least = _F(1e-6) * _F((below - above) * count)
-            result[y, x] = sums[0, x] / max(sums[1, x], least)
+            min_visibility = _F(1e-6) * _F((below - above) * count)
+            result[y, x] = sums[0, x] / max(sums[1, x], min_visibility)
 
 
 @inner
@@ -208,13 +208,13 @@ def _add(total, values):
 
 @kernel
 @no_type_check
-def finish_fine(colour, visibility, colours, coarse, top, result):
+def finish_fine(colour, visibility, transform, coarse, top, result):
     """Write rows of a fine image: gain x colour + offset within [0, 1] where visible, else the coarse image's colour.
 
     Args:
         colour: colours of the rows, (3, s, 4 w).
         visibility: visibility of the rows, (s, 4 w).
-        colours: gain and offset of each channel.
+        transform: gain and offset of each channel.
         coarse: colours of the coarse image, (3, h, w).
         top: index of the first row in the fine image, a multiple of 4.
         result: output, written from row ``top`` on, (3, 4 h, 4 w).
@@ -222,7 +222,7 @@ def finish_fine(colour, visibility, colours, coarse, top, result):
     channels, height, _ = colour.shape
     for y in prange(height):
         for c in range(channels):
-            gain, offset = colours[c, 0], colours[c, 1]
+            gain, offset = transform[c, 0], transform[c, 1]
             _finish_row(colour[c, y], visibility[y], gain, offset, coarse[c, (top + y) // 4], result[c, top + y])
 
 

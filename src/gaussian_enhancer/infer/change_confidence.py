@@ -68,8 +68,8 @@ class ChangeConfidence(nn.Module):
     def predict_shares(self, features: Float[Tensor, "b f i j"]) -> Float[Tensor, "b k i j"]:
         """The shares of each block, not limited; see `block_features`."""
         standard = (features - self.centre[:, None, None]) / self.scale[:, None, None]
-        judged: Tensor = self.layers(standard.clamp(-4, 4))
-        return judged
+        shares: Tensor = self.layers(standard.clamp(-4, 4))
+        return shares
 
     def forward(self, enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Float[Tensor, "b 3 h w"]:
         """The render with that share of each band of the change that the references support.
@@ -136,12 +136,14 @@ def block_features(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> F
         enhanced: what the network made of the render.
         views: the render, its references, their visibility and the splat's renders of their views.
     """
-    given = enhanced, views.render, views.references, views.visibility
-    ready = can_use_kernels(*given) and (views.reference_renders is None or can_use_kernels(views.reference_renders))
-    of_means, of_details, share, change = (products_compiled if ready else block_products)(enhanced, views)
-    features = _block_descriptions((of_means, of_details), share, change)
-    around = F.avg_pool2d(features, 3, 1, 1, count_include_pad=False)
-    return torch.cat([features, around, features.mean((2, 3), keepdim=True).expand_as(features)], dim=1)
+    inputs: tuple[Tensor, ...] = enhanced, views.render, views.references, views.visibility
+    if views.reference_renders is not None:
+        inputs = *inputs, views.reference_renders
+    products = products_compiled if can_use_kernels(*inputs) else block_products
+    of_means, of_details, visible_share, change = products(enhanced, views)
+    features = _block_descriptions((of_means, of_details), visible_share, change)
+    neighbourhood_means = F.avg_pool2d(features, 3, 1, 1, count_include_pad=False)
+    return torch.cat([features, neighbourhood_means, features.mean((2, 3), keepdim=True).expand_as(features)], dim=1)
 
 
 Products = tuple[
@@ -159,15 +161,16 @@ def block_products(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> P
         image[..., ::STEP, ::STEP].float() for image in (enhanced, views.render, views.references, views.visibility)
     )
     visible, change = (visibility > 0).float(), image - render
-    apart = (photos - render[:, None]) * visible
-    differences = apart
+    render_residuals = (photos - render[:, None]) * visible
+    reference_residuals = render_residuals
     if views.reference_renders is not None:
-        differences = (photos - views.reference_renders[..., ::STEP, ::STEP].float()) * visible
-    vectors = torch.cat([change[:, None], render[:, None], change[:, None] * visible, apart, differences], dim=1)
+        reference_residuals = (photos - views.reference_renders[..., ::STEP, ::STEP].float()) * visible
+    change_and_render = change[:, None], render[:, None]
+    vectors = torch.cat([*change_and_render, change[:, None] * visible, render_residuals, reference_residuals], dim=1)
     strips = [_products(vectors[..., y : y + STRIP * SAMPLES, :]) for y in range(0, vectors.shape[-2], STRIP * SAMPLES)]
-    of_means, of_details = (torch.cat(parts, dim=-2) for parts in zip(*strips, strict=True))
-    share = _block_means(visible.flatten(0, 1)).unflatten(0, visible.shape[:2])[:, :, 0]
-    return of_means, of_details, share, _block_means(change)
+    of_means, of_details = (torch.cat(band, dim=-2) for band in zip(*strips, strict=True))
+    visible_share = _block_means(visible.flatten(0, 1)).unflatten(0, visible.shape[:2])[:, :, 0]
+    return of_means, of_details, visible_share, _block_means(change)
 
 
 def products_compiled(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Products:
@@ -178,15 +181,15 @@ def products_compiled(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -
     batch, count, _, height, width = views.references.shape
     vectors, size = 2 + 3 * count, (-(-height // BLOCK), -(-width // BLOCK))
     means, details = enhanced.new_empty(2, batch, vectors, vectors, *size)
-    visible, change = enhanced.new_empty(batch, count, *size), enhanced.new_empty(batch, 3, *size)
+    visible_share, change = enhanced.new_empty(batch, count, *size), enhanced.new_empty(batch, 3, *size)
     has_renders = views.reference_renders is not None
     renders = views.references if views.reference_renders is None else views.reference_renders
     inputs = enhanced, views.render, views.references, renders, views.visibility
     with kernel_lock:
         for b in range(batch):
-            outputs = (one[b].numpy() for one in (means, details, visible, change))
-            kernel(*(kernel_image(one[b]) for one in inputs), np.float32(has_renders), BLOCK, STEP, *outputs)
-    return means, details, visible, change
+            outputs = (array[b].numpy() for array in (means, details, visible_share, change))
+            kernel(*(kernel_image(image[b]) for image in inputs), np.float32(has_renders), BLOCK, STEP, *outputs)
+    return means, details, visible_share, change
 
 
 def _block_means(image: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c i j"]:
@@ -203,14 +206,14 @@ def _products(images: Float[Tensor, "b v 3 h w"]) -> tuple[Float[Tensor, "b v v 
     filled = F.avg_pool2d(F.pad(torch.ones_like(images[:1, 0, :1]), padding), SAMPLES)[0, 0, ..., None, None]
     means = values.mean(-1) / filled
     flat = values.flatten(4)
-    whole = flat @ flat.transpose(-1, -2) / (3 * SAMPLES**2 * filled)
+    mean_products = flat @ flat.transpose(-1, -2) / (3 * SAMPLES**2 * filled)
     of_means = means @ means.transpose(-1, -2) / 3
-    return of_means.permute(0, 3, 4, 1, 2), (whole - of_means).permute(0, 3, 4, 1, 2)
+    return of_means.permute(0, 3, 4, 1, 2), (mean_products - of_means).permute(0, 3, 4, 1, 2)
 
 
 def _block_descriptions(
     bands: tuple[Float[Tensor, "b v v i j"], Float[Tensor, "b v v i j"]],
-    seen: Float[Tensor, "b r i j"],
+    visible_share: Float[Tensor, "b r i j"],
     change: Float[Tensor, "b 3 i j"],
 ) -> Float[Tensor, "b f i j"]:
     """Features of blocks from mean products of their vectors, those of means and those of details.
@@ -220,64 +223,67 @@ def _block_descriptions(
     """
     means, details = (products[:, 0, 0].clamp_min(0) for products in bands)
     texture = bands[1][:, 1, 1].clamp_min(0).sqrt()
-    parts = [torch.stack([change.mean(1).abs(), means / (means + details + EPSILON), texture], dim=1)]
+    features = [torch.stack([change.mean(1).abs(), means / (means + details + EPSILON), texture], dim=1)]
     for products in bands:
-        parts += [products[:, :1, 0].clamp_min(0).sqrt(), *_reference_evidence(products, seen)]
-    features = torch.cat(parts, dim=1)
-    return features.sign() * torch.log1p(20 * features.abs())
+        features += [products[:, :1, 0].clamp_min(0).sqrt(), *_reference_evidence(products, visible_share)]
+    stacked = torch.cat(features, dim=1)
+    return stacked.sign() * torch.log1p(20 * stacked.abs())
 
 
 def _reference_evidence(
-    products: Float[Tensor, "b v v i j"], seen: Float[Tensor, "b r i j"]
+    products: Float[Tensor, "b v v i j"], visible_share: Float[Tensor, "b r i j"]
 ) -> list[Float[Tensor, "b f i j"]]:
     """Summary of the evidence of references, and of pairs of them, on one band."""
-    count = seen.shape[1]
-    images, pairs = [], []
+    count = visible_share.shape[1]
+    reference_features, pair_features = [], []
     for i in range(count):
         c, d, s = 2 + i, 2 + count + i, 2 + 2 * count + i
-        area, mine = seen[:, i].clamp_min(MIN_VISIBLE_SHARE), products[:, c, c] + EPSILON
+        share, change_energy = visible_share[:, i].clamp_min(MIN_VISIBLE_SHARE), products[:, c, c] + EPSILON
         squares = (
             products[:, d, d],
             products[:, d, d] + products[:, c, c] - 2 * products[:, c, d],
             products[:, s, s],
             products[:, d, d] + products[:, s, s] - 2 * products[:, d, s],
         )
-        images.append(
+        reference_features.append(
             torch.stack(
                 [
-                    products[:, c, d] / mine,
-                    products[:, c, s] / mine,
-                    *((square.clamp_min(0) / area).sqrt() for square in squares),
-                    seen[:, i],
+                    products[:, c, d] / change_energy,
+                    products[:, c, s] / change_energy,
+                    *((square.clamp_min(0) / share).sqrt() for square in squares),
+                    visible_share[:, i],
                 ],
                 dim=1,
             )
         )
         for j in range(i):
             e = 2 + count + j
-            both = products[:, d, e]
-            between = (products[:, d, d] + products[:, e, e] - 2 * both).clamp_min(0).sqrt()
+            product = products[:, d, e]
+            distance = (products[:, d, d] + products[:, e, e] - 2 * product).clamp_min(0).sqrt()
             lengths = products[:, d, d].clamp_min(0) * products[:, e, e].clamp_min(0)
-            alike = both / (lengths.sqrt() + EPSILON)
-            pairs.append(torch.stack([between, both, alike], dim=1))
-    says = [seen[:, i] > MIN_VISIBLE_SHARE for i in range(count)]
-    both_say = [says[i] & says[j] for i in range(count) for j in range(i)]
-    empty = torch.zeros_like(products[:, :1, 0])
-    return [*_summary(images, says, empty, OF_REFERENCE), *_summary(pairs, both_say, empty, OF_PAIR)]
+            correlation = product / (lengths.sqrt() + EPSILON)
+            pair_features.append(torch.stack([distance, product, correlation], dim=1))
+    is_valid = [visible_share[:, i] > MIN_VISIBLE_SHARE for i in range(count)]
+    pair_is_valid = [is_valid[i] & is_valid[j] for i in range(count) for j in range(i)]
+    zeros = torch.zeros_like(products[:, :1, 0])
+    return [
+        *_summary(reference_features, is_valid, zeros, OF_REFERENCE),
+        *_summary(pair_features, pair_is_valid, zeros, OF_PAIR),
+    ]
 
 
 def _summary(
     values: list[Float[Tensor, "b f i j"]],
-    says: list[Bool[Tensor, "b i j"]],
-    empty: Float[Tensor, "b 1 i j"],
+    is_valid: list[Bool[Tensor, "b i j"]],
+    zeros: Float[Tensor, "b 1 i j"],
     count: int,
 ) -> list[Float[Tensor, "b f i j"]]:
     """Mean, least and greatest of the values that count; zeros where none has."""
     if not values:
-        return [torch.zeros_like(empty).expand(-1, 3 * count, -1, -1)]
-    stacked, valid = torch.stack(values), torch.stack(says)[:, :, None]
-    number = valid.sum(0)
-    mean = torch.where(valid, stacked, 0.0).sum(0) / number.clamp_min(1)
-    least = torch.where(valid, stacked, torch.inf).amin(0)
-    greatest = torch.where(valid, stacked, -torch.inf).amax(0)
-    return [torch.where(number > 0, one, 0.0) for one in (mean, least, greatest)]
+        return [torch.zeros_like(zeros).expand(-1, 3 * count, -1, -1)]
+    stacked, valid = torch.stack(values), torch.stack(is_valid)[:, :, None]
+    valid_count = valid.sum(0)
+    mean = torch.where(valid, stacked, 0.0).sum(0) / valid_count.clamp_min(1)
+    minimum = torch.where(valid, stacked, torch.inf).amin(0)
+    maximum = torch.where(valid, stacked, -torch.inf).amax(0)
+    return [torch.where(valid_count > 0, statistic, 0.0) for statistic in (mean, minimum, maximum)]

@@ -17,10 +17,12 @@ _ZERO, _ONE, _THREE = _F(0), _F(1), _F(3)
 
 @kernel
 @no_type_check
-def block_products(enhanced, render, photos, renders, visibility, drawn, block, step, means, details, seen, change):
+def block_products(
+    enhanced, render, photos, renders, visibility, has_renders, block, step, means, details, visible_share, change
+):
     """Write mean products (v, v, i, j) of each two vectors, for means and for details, visible shares and mean changes.
 
-    Images are (3, h, w), those of references (r, 3, h, w); ``renders`` are read if ``drawn`` is positive. Every
+    Images are (3, h, w), those of references (r, 3, h, w); ``renders`` are read if ``has_renders`` is positive. Every
     ``step``-th row and column of a block is sampled.
     """
     count = len(photos)
@@ -31,10 +33,11 @@ def block_products(enhanced, render, photos, renders, visibility, drawn, block, 
         for j in range(columns):
             values[:], mean[:] = _ZERO, _ZERO
             sample_count = _gather_block(
-                i * block, j * block, enhanced, render, photos, renders, visibility, drawn, block, step, values
+                i * block, j * block, enhanced, render, photos, renders, visibility, has_renders, block, step, values
             )
             for r in range(count):
-                seen[r, i, j] = _visible_count(i * block, j * block, visibility[r, 0], block, step) / sample_count
+                visible_count = _visible_count(i * block, j * block, visibility[r, 0], block, step)
+                visible_share[r, i, j] = visible_count / sample_count
             samples = values.shape[1] // 3
             for v in range(vectors):
                 for c in range(3):
@@ -57,7 +60,7 @@ def block_products(enhanced, render, photos, renders, visibility, drawn, block, 
 
 @inner
 @no_type_check
-def _gather_block(top, left, enhanced, render, photos, renders, visibility, drawn, block, step, values):
+def _gather_block(top, left, enhanced, render, photos, renders, visibility, has_renders, block, step, values):
     """Write a block's vectors, the samples of a channel contiguously; return the number of samples inside the image."""
     count, samples, sample_count = len(photos), values.shape[1] // 3, _ZERO
     for y in range(top, min(top + block, render.shape[1]), step):
@@ -73,7 +76,8 @@ def _gather_block(top, left, enhanced, render, photos, renders, visibility, draw
                         photo = photos[r, c, y, x]
                         values[2 + r, n] = change
                         values[2 + count + r, n] = photo - render_value
-                        values[2 + 2 * count + r, n] = photo - (renders[r, c, y, x] if drawn > _ZERO else render_value)
+                        reference_render = renders[r, c, y, x] if has_renders > _ZERO else render_value
+                        values[2 + 2 * count + r, n] = photo - reference_render
     return sample_count
 
 

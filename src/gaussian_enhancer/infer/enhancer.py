@@ -302,7 +302,7 @@ def _same_pose(camera: Camera | None, other: Camera | None) -> bool:
     return torch.allclose(camera.world_to_camera.float(), other.world_to_camera.float(), rtol=1e-4, atol=1e-5)
 
 
-def _better_as_rendered(target: LoadedView, enhanced: Float[Tensor, "3 h w"], pool: ReferencePool, number: int) -> bool:
+def _better_as_rendered(target: LoadedView, enhanced: Float[Tensor, "3 h w"], pool: ReferencePool, index: int) -> bool:
     """Whether the splat was fitted to a view, and its render is closer than the enhanced image to its photo.
 
     The measure is the mean squared error. The photo's exposure is matched to that of the render.
@@ -311,11 +311,11 @@ def _better_as_rendered(target: LoadedView, enhanced: Float[Tensor, "3 h w"], po
         target: pixels of the render.
         enhanced: the enhanced image.
         pool: references.
-        number: index of the reference that has the view's name.
+        index: index of the reference that has the view's name.
     """
-    if not _same_pose(target.camera, pool.views[number].camera):
+    if not _same_pose(target.camera, pool.views[index].camera):
         return False
-    fitted_photo, render = pool.read(number), target.image
+    fitted_photo, render = pool.read(index), target.image
     photo = resize(fitted_photo.image, *render.shape[-2:]).to(render)
     if fitted_photo.exposure is not None:
         photo = apply_colour(photo, fitted_photo.exposure.to(photo))

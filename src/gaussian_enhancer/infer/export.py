@@ -163,8 +163,8 @@ def trace_network(pretrained: Pretrained, signature: Signature) -> ExportedProgr
     """
     stride = signature.stride
     # At least four strides: below, torch.export would make programs for single sizes.
-    limits: dict[str, int] = {"min": 4, "max": LONGEST_SIDE // stride}
-    height, width = (stride * Dim(name, **limits) for name in ("height", "width"))
+    bounds: dict[str, int] = {"min": 4, "max": LONGEST_SIDE // stride}
+    height, width = (stride * Dim(name, **bounds) for name in ("height", "width"))
     inputs = example_inputs(signature, 6 * stride, 8 * stride)
 
     def sides(name: str, tensor: Tensor) -> dict[int, Any]:
@@ -227,12 +227,12 @@ def require_onnx() -> None:
         optional_library(name, "format=onnx", "export")
 
 
-def _write_onnx(program: ExportedProgram, signature: Signature, told: str, path: Path) -> None:
+def _write_onnx(program: ExportedProgram, signature: Signature, metadata: str, path: Path) -> None:
     converted = torch.onnx.export(
         program, dynamo=True, input_names=list(signature.inputs), output_names=["enhanced"], verbose=False
     )
     assert converted is not None
-    converted.model.metadata_props[METADATA] = told
+    converted.model.metadata_props[METADATA] = metadata
     converted.save(str(path))
 
 
@@ -278,8 +278,8 @@ def load_program(path: Path) -> LoadedProgram:
         metadata = session.get_modelmeta().custom_metadata_map.get(METADATA)
 
         def run(inputs: Mapping[str, Tensor]) -> Tensor:
-            taken = {value.name for value in session.get_inputs()}
-            arrays = {name: value.numpy() for name, value in inputs.items() if name in taken}
+            input_names = {value.name for value in session.get_inputs()}
+            arrays = {name: value.numpy() for name, value in inputs.items() if name in input_names}
             return torch.from_numpy(session.run(None, arrays)[0])
 
     elif path.suffix == ENDINGS["torch_export"]:

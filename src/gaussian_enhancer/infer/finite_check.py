@@ -34,5 +34,5 @@ def refuse_not_finite(views: NetworkInput) -> None:
 
 
 def _in_range(image: Tensor) -> bool:
-    least, largest = image.aminmax()  # one pass; comparisons with NaN are false
-    return float(least) >= -LARGEST and float(largest) <= LARGEST
+    smallest, largest = image.aminmax()  # one pass; comparisons with NaN are false
+    return float(smallest) >= -LARGEST and float(largest) <= LARGEST

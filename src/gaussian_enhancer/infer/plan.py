@@ -46,9 +46,9 @@ class Rules:
 
     def __post_init__(self) -> None:
         check_fields(self, "plan.")
-        for name, known in CHOICES.items():
-            if getattr(self, name) not in known:
-                raise InputError(f"plan.{name}", f"is {getattr(self, name)!r}", f"choose {', '.join(known)}")
+        for name, choices in CHOICES.items():
+            if getattr(self, name) not in choices:
+                raise InputError(f"plan.{name}", f"is {getattr(self, name)!r}", f"choose {', '.join(choices)}")
         for name in ("share", "tolerance"):
             if not 0 <= getattr(self, name) <= 1:
                 raise InputError(f"plan.{name}", f"is {getattr(self, name)}", "give a number in [0, 1]")
@@ -142,12 +142,12 @@ class Plan:
         return "\n".join(f"{name:<18}{used:<5}{why}".rstrip() for name, used, why in lines)
 
     def _candidates(self) -> str:
-        looked = [view for view in self.views if view.references is not None]
-        if not looked:
+        examined = [view for view in self.views if view.references is not None]
+        if not examined:
             return "all are warped: on views of this size a coarse look first would save no time"
-        shares = [share for view in looked for share in view.left_out.values()]
-        taken = sum(len(view.references or ()) for view in looked)
-        text = f"{taken + len(shares)} examined for {len(looked)} views, {len(shares)} left out"
+        shares = [share for view in examined for share in view.left_out.values()]
+        used = sum(len(view.references or ()) for view in examined)
+        text = f"{used + len(shares)} examined for {len(examined)} views, {len(shares)} left out"
         few = sum(share < self.rules.share for share in shares)
         return text + (f", {few} of them because they see less than {self.rules.share:.0%}" if few else "")
 

@@ -64,7 +64,8 @@ class Planner:
 
     def _make_plan(self, view: RenderedView, target: LoadedView) -> ViewPlan:
         height, width = target.image.shape[-2:]
-        plan, warp, coarse_view, needed = ViewPlan(view.name, (height, width)), self.reference_config.warp, None, None
+        plan, warp = ViewPlan(view.name, (height, width)), self.reference_config.warp
+        aligned = needed = None
         if self.reference_config.references and not self.reference_config.can_align(view):
             return replace(plan, references=())
         if self.reference_config.references and not isinstance(warp, Reprojected):
@@ -72,14 +73,14 @@ class Planner:
         if self.rules.tiles == "auto":
             foreground = ~background_blocks(target.image, self.background, self.rules.tolerance)
             needed = None if bool(foreground.all()) else foreground
-        looking = needed is not None or (self.rules.references == "auto" and height * width > self.rules.small)
-        if isinstance(warp, Reprojected) and self.reference_config.references and looking:
+        selects = self.rules.references == "auto" and height * width > self.rules.small
+        if isinstance(warp, Reprojected) and self.reference_config.references and (needed is not None or selects):
             indices = self.reference_config.nearest_candidates(target, view, self.pool)
-            small = coarsen(target)
-            coarse_view = coarse_visibility(warp, small, [self._coarse_reference(index) for index in indices])
+            coarse_target = coarsen(target)
+            aligned = coarse_visibility(warp, coarse_target, [self._coarse_reference(index) for index in indices])
             if self.rules.references == "auto":
-                plan = self._with_references(plan, visible_shares(coarse_view, small.alpha))
-        return plan if needed is None else replace(plan, regions=self._regions(needed, coarse_view, height, width))
+                plan = self._with_references(plan, visible_shares(aligned, coarse_target.alpha))
+        return plan if needed is None else replace(plan, regions=self._regions(needed, aligned, height, width))
 
     def _coarse_reference(self, index: int) -> LoadedView:
         """A reference on a coarse grid, which stays in memory."""
@@ -89,10 +90,10 @@ class Planner:
 
     def _with_references(self, plan: ViewPlan, shares: dict[str, float]) -> ViewPlan:
         """The plan with the best candidates that see enough."""
-        enough = [name for name, share in shares.items() if share >= self.rules.share]
-        used = tuple(enough[: self.reference_config.references])
-        left = {name: round(share, 4) for name, share in shares.items() if name not in used}
-        return replace(plan, references=used, left_out=left)
+        sufficient = [name for name, share in shares.items() if share >= self.rules.share]
+        used = tuple(sufficient[: self.reference_config.references])
+        left_out = {name: round(share, 4) for name, share in shares.items() if name not in used}
+        return replace(plan, references=used, left_out=left_out)
 
     def _regions(
         self, needed: Bool[Tensor, "i j"], aligned: AlignedReferences | None, height: int, width: int
@@ -105,10 +106,11 @@ class Planner:
         return None if cost > WHOLE_IMAGE_SHARE * height * width else regions
 
     def _contradicted_background(
-        self, seen: AlignedReferences, rows: int, columns: int
+        self, aligned: AlignedReferences, rows: int, columns: int
     ) -> Bool[Tensor, "{rows} {columns}"]:
         """Blocks where a reference shows something that is not the background."""
-        colour = seen.references.new_tensor(self.background)[:, None, None]
-        differs = ((seen.references - colour).abs().amax(1) > self.rules.tolerance) & (seen.visibility[:, 0] > 0.5)
-        anywhere = differs.any(0).to(seen.references.dtype)[None]
+        colour = aligned.references.new_tensor(self.background)[:, None, None]
+        differs = (aligned.references - colour).abs().amax(1) > self.rules.tolerance
+        differs &= aligned.visibility[:, 0] > 0.5
+        anywhere = differs.any(0).to(aligned.references.dtype)[None]
         return F.adaptive_max_pool2d(anywhere, (rows, columns))[0] > 0

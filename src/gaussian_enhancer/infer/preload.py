@@ -14,7 +14,7 @@ from gaussian_enhancer.scene.rendered import RenderedView
 
 
 def validation_reads(
-    found: ValidatedInputs, keep_photos: bool, planner: Planner | None, rendering: bool
+    inputs: ValidatedInputs, keep_photos: bool, planner: Planner | None, rendering: bool
 ) -> list[Callable[[], object]]:
     """The reads that find damaged files before the first image is written.
 
@@ -22,7 +22,7 @@ def validation_reads(
     not read. Targets that are rendered from a splat are planned when they are enhanced, unless ``rendering`` is set.
 
     Args:
-        found: the validated input.
+        inputs: the validated input.
         keep_photos: whether the targets' own photos are read as well.
         planner: plans each target; None where nothing may be left out.
         rendering: render and plan targets of a splat at once.
@@ -31,27 +31,27 @@ def validation_reads(
         Functions without arguments; each raises `InputError` where a file is damaged.
     """
     reads: list[Callable[[], object]] = []
-    for view in found.rendered.targets:
+    for view in inputs.rendered.targets:
         if isinstance(view.read, ReadPhoto) or (planner is not None and rendering):
-            reads.append(partial(_plan_and_read, found, view, planner))
+            reads.append(partial(_plan_and_read, inputs, view, planner))
         else:
             reads += _file_readers([view.read_depth, view.read_alpha])
         reads += _file_readers([view.read_photo, view.read_fine_photo]) if keep_photos else []
-    any_from_splat = any(not isinstance(view.read, ReadPhoto) for view in found.rendered.targets)
-    for view in found.rendered.references if any_from_splat and found.reference_config.references else ():
+    any_from_splat = any(not isinstance(view.read, ReadPhoto) for view in inputs.rendered.targets)
+    for view in inputs.rendered.references if any_from_splat and inputs.reference_config.references else ():
         reads += _file_readers([view.read_photo, view.read_depth, view.read, view.read_fine_photo])
     return reads
 
 
-def _plan_and_read(found: ValidatedInputs, view: RenderedView, planner: Planner | None) -> None:
+def _plan_and_read(inputs: ValidatedInputs, view: RenderedView, planner: Planner | None) -> None:
     """Read a target, plan it, and read its candidate references."""
     target = read_target(view)
     plan = None if planner is None else planner(view, target)
     if plan is not None and plan.regions == ():
         return
     chosen = None if planner is None or plan is None else planner.reference_indices(plan)
-    for index in found.reference_config.nearest_candidates(target, view, found.pool) if chosen is None else chosen:
-        found.pool.read(index, found.reference_config.fine)
+    for index in inputs.reference_config.nearest_candidates(target, view, inputs.pool) if chosen is None else chosen:
+        inputs.pool.read(index, inputs.reference_config.fine)
 
 
 def _file_readers(reads: Iterable[Callable[[], Tensor] | None]) -> list[Callable[[], Tensor]]:

@@ -60,8 +60,8 @@ def read_presets(path: Path) -> tuple[Preset, ...]:
     remedy = f"measure them: gaussian-enhancer tradeoff kind=quality settings={path}"
     try:
         values = parse_json(read_text(path, JSON_GROWTH), path)
-        presets = [Preset(**{**one, "enhance": tuple(one["enhance"])}) for one in values]
-        if not presets or not all(one.milliseconds > 0 for one in presets):
+        presets = [Preset(**{**preset, "enhance": tuple(preset["enhance"])}) for preset in values]
+        if not presets or not all(preset.milliseconds > 0 for preset in presets):
             raise ValueError("no setting, or one without a time")
     except InputError as error:
         if error.received != "does not exist":
@@ -69,7 +69,7 @@ def read_presets(path: Path) -> tuple[Preset, ...]:
         raise InputError("budget_ms", f"has no settings to choose from ({path} does not exist)", remedy) from None
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise InputError(path, f"holds no settings ({error})", remedy) from None
-    return tuple(sorted(presets, key=lambda one: one.milliseconds))
+    return tuple(sorted(presets, key=lambda preset: preset.milliseconds))
 
 
 def choose_preset(presets: Sequence[Preset], budget: float, megapixels: float, speed: float) -> tuple[Preset, str]:

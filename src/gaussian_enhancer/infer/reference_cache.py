@@ -28,7 +28,7 @@ class ReferenceFeatures:
 
     def __init__(self, network: CachesReferences, capacity: int = 24) -> None:
         self.network, self.capacity = network, max(8, capacity)
-        self.kept: OrderedDict[tuple[object, ...], tuple[Tensor, ...]] = OrderedDict()
+        self.entries: OrderedDict[tuple[object, ...], tuple[Tensor, ...]] = OrderedDict()
 
     def __call__(self, views: NetworkInput, names: Sequence[str]) -> tuple[Float[Tensor, "b r c _ _"], ...] | None:
         """The features of a target's references, as the network's ``encode`` returns them; None without references.
@@ -43,28 +43,28 @@ class ReferenceFeatures:
         return tuple(torch.cat(scale, dim=1) for scale in zip(*features, strict=True))
 
     def _features(self, views: NetworkInput, index: int, name: str) -> tuple[Float[Tensor, "b 1 c _ _"], ...]:
-        known_parts = views.reference_renders is not None, views.fine_references is not None
-        key = (name, tuple(views.render.shape[-2:]), *known_parts)
-        if key not in self.kept:
-            self.kept[key] = self.network.encode(_one_reference(views, index))
-        self.kept.move_to_end(key)
-        while len(self.kept) > self.capacity:
-            self.kept.popitem(last=False)
-        return self.kept[key]
+        size = tuple(views.render.shape[-2:])
+        key = name, size, views.reference_renders is not None, views.fine_references is not None
+        if key not in self.entries:
+            self.entries[key] = self.network.encode(_one_reference(views, index))
+        self.entries.move_to_end(key)
+        while len(self.entries) > self.capacity:
+            self.entries.popitem(last=False)
+        return self.entries[key]
 
 
 def _one_reference(views: NetworkInput, index: int) -> NetworkInput:
     """The network's input with one reference, and without the target's depth and opacity."""
 
-    def one(images: Tensor | None) -> Tensor | None:
+    def select(images: Tensor | None) -> Tensor | None:
         return None if images is None else images[:, index : index + 1]
 
     return replace(
         views,
         references=views.references[:, index : index + 1],
         visibility=views.visibility[:, index : index + 1],
-        reference_renders=one(views.reference_renders),
-        fine_references=one(views.fine_references),
+        reference_renders=select(views.reference_renders),
+        fine_references=select(views.fine_references),
         depth=None,
         alpha=None,
         depth_unit=None,

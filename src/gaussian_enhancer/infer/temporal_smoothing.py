@@ -30,7 +30,7 @@ class PreviousChange:
 
 
 def smooth_change(
-    image: Float[Tensor, "3 h w"], target: LoadedView, before: PreviousChange | None, share: float
+    image: Float[Tensor, "3 h w"], target: LoadedView, previous: PreviousChange | None, share: float
 ) -> tuple[Float[Tensor, "3 h w"], PreviousChange]:
     """Average a frame's change with that of the frame before, which is warped through the rendered depth.
 
@@ -41,7 +41,7 @@ def smooth_change(
     Args:
         image: the enhanced frame, [0, 1].
         target: its render, with camera and depth.
-        before: the change of the frame before; None at the beginning of a path.
+        previous: the change of the frame before; None at the beginning of a path.
         share: weight of that change, in [0, 1).
 
     Returns:
@@ -51,14 +51,14 @@ def smooth_change(
         InputError: the frame has no camera or no depth.
     """
     if target.camera is None or target.depth is None:
-        lacking = "camera" if target.camera is None else "depth"
-        raise InputError(target.name, f"has no {lacking} to carry changes by", "give it, or temporal_smoothing=0")
+        missing = "camera" if target.camera is None else "depth"
+        raise InputError(target.name, f"has no {missing} to carry changes by", "give it, or temporal_smoothing=0")
     render = target.image.to(image)
     change = image - render
-    if before is not None and before.target.camera is not None:
-        view_options = before.target.depth, target.alpha, TOLERANCE
-        old = reproject(
-            target.camera, target.depth, before.target.camera, before.change.to(target.depth), *view_options
+    if previous is not None and previous.target.camera is not None:
+        view_options = previous.target.depth, target.alpha, TOLERANCE
+        warped = reproject(
+            target.camera, target.depth, previous.target.camera, previous.change.to(target.depth), *view_options
         )
-        change = change + share * (old.visibility * (old.colour - change.to(old.colour))).to(change)
+        change = change + share * (warped.visibility * (warped.colour - change.to(warped.colour))).to(change)
     return (render + change).clamp(0, 1), PreviousChange(change, target)

@@ -31,7 +31,7 @@ BUDGET_KEYS = ("weights", "max_references", "precision", "tile")
 
 
 def apply_budget(
-    cfg: DictConfig, ready: Callable[[DictConfig, torch.device], Any], device: torch.device, console: Console
+    cfg: DictConfig, prepare: Callable[[DictConfig, torch.device], Any], device: torch.device, console: Console
 ) -> DictConfig:
     """Replace ``budget_ms`` in a configuration by the best preset that keeps within it.
 
@@ -40,7 +40,7 @@ def apply_budget(
 
     Args:
         cfg: configuration of the job ``enhance``.
-        ready: makes a `SetEnhancer`, the job's input and more from a configuration.
+        prepare: makes a `SetEnhancer`, the job's input and more from a configuration.
         device: where the network runs.
         console: where the choice and its reason are printed.
 
@@ -55,7 +55,7 @@ def apply_budget(
         raise InputError("budget_ms", f"is {budget!r}", "give milliseconds an image, above 0")
     _refuse_overridden(cfg)
     presets = read_presets(PRESETS)
-    enhancer, task, *_ = ready(_apply_preset(cfg, presets[0]), device)
+    enhancer, task, *_ = prepare(_apply_preset(cfg, presets[0]), device)
     milliseconds, megapixels = time_first_view(enhancer, task.rendered)
     speed = milliseconds / (presets[0].milliseconds * megapixels)
     chosen, line = choose_preset(presets, float(budget), megapixels, speed)
@@ -78,9 +78,10 @@ def time_first_view(enhancer: SetEnhancer, rendered: RenderedSet) -> tuple[float
     """
     if not rendered.targets:
         raise InputError(rendered.name, "has no render to enhance", "render held-out views first")
-    (first,) = single_target_sets(replace(rendered, targets=rendered.targets[:1]), 1)
-    height, width = next(enhancer(first)).image.shape[-2:]
-    timing = time_interleaved({"": lambda: next(enhancer(first))}, repeats=3, warm_up=0, device=enhancer.device)[""]
+    (first_view,) = single_target_sets(replace(rendered, targets=rendered.targets[:1]), 1)
+    height, width = next(enhancer(first_view)).image.shape[-2:]
+    calls = {"": lambda: next(enhancer(first_view))}
+    timing = time_interleaved(calls, repeats=3, warm_up=0, device=enhancer.device)[""]
     return timing.milliseconds, height * width / 1e6
 
 
@@ -98,7 +99,7 @@ def _refuse_overridden(cfg: DictConfig) -> None:
     """Refuse options that the budget decides, where the user named one or gave another value than the default."""
     defaults = compose("enhance")
     overrides = HydraConfig.get().overrides.task if HydraConfig.initialized() else ()
-    named = {word.split("=")[0].lstrip("+") for word in overrides}
+    named = {override.split("=")[0].lstrip("+") for override in overrides}
     for key in BUDGET_KEYS:
         if key in named or cfg[key] != defaults[key]:
             raise InputError(key, f"is {cfg[key]!r} together with budget_ms, which sets it", "give one of the two")

@@ -57,7 +57,7 @@ class ValidatedInputs:
     @property
     def missing_references(self) -> tuple[str, ...]:
         """Reasons why references or their fine photos are not used although the weights ask for them."""
-        return tuple(one.why for one in self.parts if not one.used and one.name in ("references", "fine photos"))
+        return tuple(part.why for part in self.parts if not part.used and part.name in ("references", "fine photos"))
 
 
 def validate_inputs(
@@ -85,11 +85,11 @@ def validate_inputs(
     if reference_config.references and not rendered.references:
         remedy = "add scene=capture scene.path=FOLDER, or max_references=0 to enhance from the renders only"
         raise InputError(rendered.name, "has no photo to refer to", remedy)
-    finer = f"{scale} times the render's size" if scale > 1 else "the weights enhance at the render's own size"
-    parts = [PlanItem("super-resolution", scale > 1, finer)]
-    bare: list[str] = []
+    resolution = f"{scale} times the render's size" if scale > 1 else "the weights enhance at the render's own size"
+    parts = [PlanItem("super-resolution", scale > 1, resolution)]
+    unposed: list[str] = []
     if rules.references == "auto":
-        rendered, bare = _with_cameras(rendered)
+        rendered, unposed = _with_cameras(rendered)
     if pool is None or pool.views is not rendered.references:
         pool = ReferencePool(rendered.references)
     rendered, depth = _depth_part(rendered, reference_config, rules, pool, origins.get("depth", ""))
@@ -103,10 +103,10 @@ def validate_inputs(
         parts.append(PlanItem("fine photos", fine, why))
     if reference_config.references:
         reference_config, references = _reference_part(rendered, reference_config)
-        left = f"; {len(bare)} without a camera left out, {bare[0]} among them" if bare else ""
-        parts.append(replace(references, why=references.why + left))
-    apart = tuple(view.name for view in rendered.targets if not reference_config.can_align(view))
-    unreached = apart if reference_config.references else ()
+        left_out = f"; {len(unposed)} without a camera left out, {unposed[0]} among them" if unposed else ""
+        parts.append(replace(references, why=references.why + left_out))
+    targets = rendered.targets if reference_config.references else ()
+    unreached = tuple(view.name for view in targets if not reference_config.can_align(view))
     return ValidatedInputs(rendered, reference_config, tuple(parts), pool, unreached)
 
 
@@ -127,22 +127,23 @@ def depth_mismatch_reason(pool: ReferencePool, reference_config: ReferenceConfig
         target = read_target(view)
         if target.depth is None or not bool(usable_depth(target.depth).any()):
             return f"the depth of {target.name} holds no finite positive value"
-        bare = any(one.camera is None for one in (view, *pool.views))
-        if not isinstance(warp, Reprojected) or not pool.views or bare:
+        has_cameras = all(posed.camera is not None for posed in (view, *pool.views))
+        if not isinstance(warp, Reprojected) or not pool.views or not has_cameras:
             continue
-        near = rank_references(view, pool.views, 2)
-        references = [replace(coarsen(pool.read(index)), depth=None) for index in near]
-        small = coarsen(target)
-        if small.depth is None or not bool(usable_depth(small.depth).any()):
+        nearest = rank_references(view, pool.views, 2)
+        references = [replace(coarsen(pool.read(index)), depth=None) for index in nearest]
+        coarse_target = coarsen(target)
+        if coarse_target.depth is None or not bool(usable_depth(coarse_target.depth).any()):
             continue
-        median = float(small.depth[usable_depth(small.depth)].median())
-        others = {f"{times:g} times as deep": small.depth * times for times in DEPTH_FACTORS}
-        others["a flat plane"] = torch.full_like(small.depth, median)
-        differences = _colour_disagreement(warp, small, references)
+        median = float(coarse_target.depth[usable_depth(coarse_target.depth)].median())
+        alternatives = {f"{factor:g} times as deep": coarse_target.depth * factor for factor in DEPTH_FACTORS}
+        alternatives["a flat plane"] = torch.full_like(coarse_target.depth, median)
+        disagreement = _colour_disagreement(warp, coarse_target, references)
         best = min(
-            (_colour_disagreement(warp, replace(small, depth=z), references), name) for name, z in others.items()
+            (_colour_disagreement(warp, replace(coarse_target, depth=z), references), name)
+            for name, z in alternatives.items()
         )
-        if best[0] >= BETTER_RATIO * differences:
+        if best[0] >= BETTER_RATIO * disagreement:
             return ""  # one view that it fits is enough, and the others need not be looked at
         better = better or best[1]
     return f"the depth is none of what the renders show ({better} fits better)" if better else ""
@@ -150,9 +151,10 @@ def depth_mismatch_reason(pool: ReferencePool, reference_config: ReferenceConfig
 
 def _colour_disagreement(warp: Reprojected, target: LoadedView, references: Sequence[LoadedView]) -> float:
     """Mean colour difference of warped references to the render; infinite where they see less than a tenth of it."""
-    exposed = any(reference.render is None for reference in references)  # renders are of the target's exposure as it is
-    doubting = replace(warp, depth="exact", photo_consistency=None, match_colour=warp.match_colour and exposed)
-    aligned = doubting(target, references, len(references))
+    # Renders already have the target's exposure, so that colours are only matched where photos stand in for them.
+    match_colour = warp.match_colour and any(reference.render is None for reference in references)
+    fixed_depth_warp = replace(warp, depth="exact", photo_consistency=None, match_colour=match_colour)
+    aligned = fixed_depth_warp(target, references, len(references))
     colours = aligned.references if aligned.renders is None else aligned.renders
     difference = (colours - target.image).abs().mean(1, keepdim=True) * aligned.visibility
     if float(aligned.visibility.amax(0).mean()) < 0.1:
@@ -162,18 +164,20 @@ def _colour_disagreement(warp: Reprojected, target: LoadedView, references: Sequ
 
 def _with_cameras(rendered: RenderedSet) -> tuple[RenderedSet, list[str]]:
     """The set without references that have no camera where others have one, and their names."""
-    bare = [view.name for view in rendered.references if view.camera is None]
-    if not bare or len(bare) == len(rendered.references):
+    posed = tuple(view for view in rendered.references if view.camera is not None)
+    if not posed or len(posed) == len(rendered.references):
         return rendered, []
-    return replace(rendered, references=tuple(v for v in rendered.references if v.camera is not None)), bare
+    return replace(rendered, references=posed), [view.name for view in rendered.references if view.camera is None]
 
 
 def _camera_part(rendered: RenderedSet, origin: str) -> PlanItem:
-    bare = [view.name for view in (*rendered.targets, *rendered.references) if view.camera is None]
-    lack = f"{bare[0]} has none" if len(bare) == 1 else f"{len(bare)} views have none, {bare[0]} first" if bare else ""
+    unposed = [view.name for view in (*rendered.targets, *rendered.references) if view.camera is None]
+    missing = f"{len(unposed)} views have none, {unposed[0]} first" if unposed else ""
+    if len(unposed) == 1:
+        missing = f"{unposed[0]} has none"
     posed = any(view.camera is not None for view in rendered.targets) and bool(rendered.references)
     posed = posed and all(view.camera is not None for view in rendered.references)
-    return PlanItem("cameras", not bare or posed, "; ".join(filter(None, (origin, lack))))
+    return PlanItem("cameras", not unposed or posed, "; ".join(filter(None, (origin, missing))))
 
 
 def _depth_part(
@@ -190,7 +194,7 @@ def _depth_part(
     if not why:
         return rendered, PlanItem("depth", True, origin or kind)
     targets, references = (
-        tuple(replace(view, read_depth=None) for view in side) for side in (rendered.targets, rendered.references)
+        tuple(replace(view, read_depth=None) for view in views) for views in (rendered.targets, rendered.references)
     )
     return replace(rendered, targets=targets, references=references), PlanItem("depth", False, why)
 
@@ -201,9 +205,9 @@ def _reference_part(rendered: RenderedSet, reference_config: ReferenceConfig) ->
     if not isinstance(reference_config.warp, Reprojected):
         return reference_config, PlanItem("references", True, text)
     unreached = [view.name for view in rendered.targets if not reference_config.can_align(view)]
-    bare = [view.name for view in rendered.references if view.camera is None]
-    if not bare and len(unreached) < len(rendered.targets):
-        left = f"; none for {len(unreached)} views without camera or depth" if unreached else ""
-        return reference_config, PlanItem("references", True, text + left)
-    lack = f"{(unreached + bare)[0]} has no camera or no depth, so that photos cannot be reprojected"
-    return replace(reference_config, references=0), PlanItem("references", False, f"{lack}: no photo is used")
+    unposed = [view.name for view in rendered.references if view.camera is None]
+    if not unposed and len(unreached) < len(rendered.targets):
+        note = f"; none for {len(unreached)} views without camera or depth" if unreached else ""
+        return reference_config, PlanItem("references", True, text + note)
+    reason = f"{(unreached + unposed)[0]} has no camera or no depth, so that photos cannot be reprojected"
+    return replace(reference_config, references=0), PlanItem("references", False, f"{reason}: no photo is used")

@@ -134,15 +134,17 @@ def load_weights(source: str | Path) -> Pretrained:
     """
     path = find_checkpoint(source)
     tensors, metadata = read_checkpoint(path, FORMAT)
-    design, prepared, card = (parse_metadata(metadata, name, path) for name in ("design", "reference_config", "card"))
-    judging = {
+    design, config, card = (parse_metadata(metadata, name, path) for name in ("design", "reference_config", "card"))
+    confidence_tensors = {
         name.removeprefix(CONFIDENCE_PREFIX): v for name, v in tensors.items() if name.startswith(CONFIDENCE_PREFIX)
     }
     tensors = {name: value for name, value in tensors.items() if not name.startswith(CONFIDENCE_PREFIX)}
     try:
         network = build_and_load(lambda: build_design(design), design, tensors, path)
-        reference_config = build_reference_config(prepared)
-        confidence = _confidence(judging, parse_metadata(metadata, "confidence", path), path) if judging else None
+        reference_config = build_reference_config(config)
+        confidence = None
+        if confidence_tensors:
+            confidence = _confidence(confidence_tensors, parse_metadata(metadata, "confidence", path), path)
     except InputError:
         raise
     except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError, RuntimeError) as error:
@@ -169,23 +171,23 @@ def _plain_design(design: Mapping[str, Any]) -> dict[str, Any]:
     return {name: plain(name, value) for name, value in design.items()}
 
 
-def copy_values(network: Network, begun: Network) -> None:
+def copy_values(network: Network, source: Network) -> None:
     """Give a network the values of another one of its design, to train it further.
 
     Parts that the other one lacks and that change nothing before training (`ZERO_INITIALISED`) stay as they are.
 
     Args:
         network: is changed.
-        begun: has the values.
+        source: has the values.
 
     Raises:
         ValueError: the designs differ otherwise.
     """
-    asked, found, values = design_of(network), design_of(begun), begun.state_dict()
-    alike = _without_options(asked, ZERO_INITIALISED) == _without_options(found, ZERO_INITIALISED)
-    if not alike or values.keys() - network.state_dict().keys():
-        odd = next(key for key in {**asked, **found} if asked.get(key) != found.get(key))
-        raise ValueError(f"have {odd} {found.get(odd)!r}, where {asked.get(odd)!r} is to be trained")
+    design, source_design, values = design_of(network), design_of(source), source.state_dict()
+    compatible = _without_options(design, ZERO_INITIALISED) == _without_options(source_design, ZERO_INITIALISED)
+    if not compatible or values.keys() - network.state_dict().keys():
+        name = next(key for key in {**design, **source_design} if design.get(key) != source_design.get(key))
+        raise ValueError(f"have {name} {source_design.get(name)!r}, where {design.get(name)!r} is to be trained")
     network.load_state_dict({**network.state_dict(), **values})
 
 
@@ -226,14 +228,14 @@ def require_saveable(network: Network) -> None:
     """
     name = type(network).__name__
     try:
-        again = build_design(json.loads(json.dumps(design_of(network))))
+        rebuilt = build_design(json.loads(json.dumps(design_of(network))))
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         remedy = "put its file into gaussian_enhancer/network, give it plain parameters, and call describe(locals())"
         raise InputError("fusion", f"is a {name} that its weights could not describe ({error})", remedy) from error
-    asked, found = ({n: tuple(v.shape) for n, v in one.state_dict().items()} for one in (network, again))
-    if asked != found:
-        odd = sorted(set(asked.items()) ^ set(found.items()))[0][0]
-        received = f"is a {name} that is built otherwise from its own design, at {odd}"
+    shapes, rebuilt_shapes = ({n: v.shape for n, v in x.state_dict().items()} for x in (network, rebuilt))
+    if shapes != rebuilt_shapes:
+        differing = sorted(set(shapes.items()) ^ set(rebuilt_shapes.items()))[0][0]
+        received = f"is a {name} that is built otherwise from its own design, at {differing}"
         raise InputError("fusion", received, "describe every parameter that the layers depend on")
 
 
@@ -249,7 +251,7 @@ def _value(name: str, value: Any, annotation: Any) -> Any:
         (entry,) = get_args(annotation)
         if not isinstance(value, list) or not 1 <= len(value) <= MAX_LIST_LENGTH:
             raise ValueError(f"{name} is {value!r}, no list of 1 to {MAX_LIST_LENGTH} entries")
-        return [_scalar(name, one, entry) for one in value]
+        return [_scalar(name, item, entry) for item in value]
     return _scalar(name, value, annotation)
 
 
@@ -301,8 +303,8 @@ def _part(values: Mapping[str, Any], kinds: tuple[type[Any], ...]) -> Any:
     if kind not in kinds or kind is None:
         raise ValueError(f"kind is none of {', '.join(k.__name__ for k in kinds)}")
     for name, value in values.items():
-        known = value is None or isinstance(value, bool | int | float | str)
-        if not known or not (isinstance(value, str) or math.isfinite(value or 0)):
+        is_plain = value is None or isinstance(value, bool | int | float | str)
+        if not is_plain or not (isinstance(value, str) or math.isfinite(value or 0)):
             raise ValueError(f"{name} is {value!r}")
     return kind(**values)
 

@@ -207,8 +207,8 @@ def format_value(metric: str, value: float | None, signed: bool = False) -> str:
 
 
 def _in_order(names: set[str]) -> tuple[str, ...]:
-    known = [name for name in HIGHER_IS_BETTER if name in names]
-    return (*known, *sorted(names.difference(known)))
+    ordered = [name for name in HIGHER_IS_BETTER if name in names]
+    return (*ordered, *sorted(names.difference(ordered)))
 
 
 def _known_values(value: float | None) -> float:

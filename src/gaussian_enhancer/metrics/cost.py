@@ -152,11 +152,11 @@ def _watched_peak(call: Call) -> int:
     """Peak resident memory while a computation runs, polled by a thread."""
     process = psutil.Process()
     highest = process.memory_info().rss
-    done = threading.Event()
+    finished = threading.Event()
 
     def watch() -> None:
         nonlocal highest
-        while not done.wait(1e-3):
+        while not finished.wait(1e-3):
             highest = max(highest, process.memory_info().rss)
 
     watcher = threading.Thread(target=watch, daemon=True)
@@ -164,6 +164,6 @@ def _watched_peak(call: Call) -> int:
     try:
         call()
     finally:
-        done.set()
+        finished.set()
         watcher.join()
     return max(highest, process.memory_info().rss)

@@ -118,10 +118,10 @@ def pair_run(
         raise InputError(step_folder, "has no gt photos to measure against", "render the run again with its photos")
     name = root.resolve().name
     files: list[ImageFiles] = []
-    for part, variant in (("renders", "raw"), ("enhanced", "enhanced")):
-        if (step_folder / part).is_dir():
+    for subfolder, variant in (("renders", "raw"), ("enhanced", "enhanced")):
+        if (step_folder / subfolder).is_dir():
             label = Label(name, scene or name, splat or f"ours_{chosen_step}", variant)
-            files += pair_folders(step_folder / part, step_folder / "gt", label)
+            files += pair_folders(step_folder / subfolder, step_folder / "gt", label)
     return tuple(files)
 
 
@@ -170,10 +170,10 @@ def _by_stem(folder: str | Path) -> dict[str, Path]:
 
 def _check_sizes(image: Path, photo: Path, mask: Path | None) -> None:
     expected = read_header(image)
-    for other in (photo, mask):
-        if other is None:
+    for path in (photo, mask):
+        if path is None:
             continue
-        header = read_header(other)
+        header = read_header(path)
         if (header.height, header.width) != (expected.height, expected.width):
             received = f"is {header.width}x{header.height} where {image} is {expected.width}x{expected.height}"
-            raise InputError(other, received, "bring both to one size")
+            raise InputError(path, received, "bring both to one size")

@@ -60,16 +60,16 @@ def align_colours(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) 
     return (mapping[:, :3] @ colours + mapping[:, 3:]).view(image.shape).to(image.dtype)
 
 
-def fit_colour_map(colours: Float[Tensor, "3 n"], wanted: Float[Tensor, "3 n"]) -> Float[Tensor, "3 4"]:
-    """Fit the affine map, a matrix and an offset, from colours to wanted colours by least squares.
+def fit_colour_map(colours: Float[Tensor, "3 n"], target_colours: Float[Tensor, "3 n"]) -> Float[Tensor, "3 4"]:
+    """Fit an affine map, a matrix and an offset, from colours to target colours by least squares.
 
     Args:
         colours: colours of n pixels.
-        wanted: wanted colours of the same pixels.
+        target_colours: colours that the map should give these pixels.
     """
     colours = torch.cat([colours, torch.ones_like(colours[:1])])
     # For grey pixels the system is rank-deficient: the pseudo-inverse gives the minimum-norm solution.
-    return wanted @ colours.T @ torch.linalg.pinv(colours @ colours.T, hermitian=True, rtol=1e-12)
+    return target_colours @ colours.T @ torch.linalg.pinv(colours @ colours.T, hermitian=True, rtol=1e-12)
 
 
 def psnr_aligned(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> float:

@@ -145,18 +145,18 @@ def perceptual_distance(
     return PerceptualDistance(name, _network(net, file, str(device)))
 
 
-def _find_backbone(net: str, given: Path | None) -> Path | None:
+def _find_backbone(net: str, path: Path | None) -> Path | None:
     """The backbone's file: the given file, or one in the given folder, in the data folder or in torchvision's cache."""
     import torchvision
 
     spec = BACKBONES[net]
-    if given is not None and not given.exists():
-        raise InputError(given, "does not exist", "name the backbone's file or its folder")
-    if given is not None and given.is_file():
-        return given.resolve()
+    if path is not None and not path.exists():
+        raise InputError(path, "does not exist", "name the backbone's file or its folder")
+    if path is not None and path.is_file():
+        return path.resolve()
     url = torchvision.models.get_model_weights(spec.builder).IMAGENET1K_V1.url
     download_name = Path(urlparse(url).path).name
-    folders = [folder for folder in (given, data_backbones()) if folder is not None]
+    folders = [folder for folder in (path, data_backbones()) if folder is not None]
     candidates = [folder / name for folder in folders for name in (spec.features, download_name)]
     candidates.append(Path(torch.hub.get_dir()) / "checkpoints" / download_name)
     return next((file.resolve() for file in candidates if file.is_file()), None)

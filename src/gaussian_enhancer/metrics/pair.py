@@ -52,10 +52,10 @@ def measure_pair(
     Raises:
         InputError: the sizes differ.
     """
-    for what, other in (("photo", photo), ("mask", mask)):
-        if other is not None and other.shape[1:] != image.shape[1:]:
-            received = f"is {other.shape[2]}x{other.shape[1]} where the image is {image.shape[2]}x{image.shape[1]}"
-            raise InputError(what, received, "bring both to one size")
+    for name, plane in (("photo", photo), ("mask", mask)):
+        if plane is not None and plane.shape[1:] != image.shape[1:]:
+            received = f"is {plane.shape[2]}x{plane.shape[1]} where the image is {image.shape[2]}x{image.shape[1]}"
+            raise InputError(name, received, "bring both to one size")
     image, photo = quantise_8_bit(image), quantise_8_bit(photo)
     metrics: dict[str, float | None] = {
         "psnr": psnr(image, photo),

@@ -24,9 +24,9 @@ class Point:
     error: float
 
     def __post_init__(self) -> None:
-        for what, value in (("cost", self.cost), ("error", self.error)):
+        for name, value in (("cost", self.cost), ("error", self.error)):
             if not (math.isfinite(value) and value >= 0):
-                raise ValueError(f"{what} of {self.name} is {value}, which is no finite number from 0")
+                raise ValueError(f"{name} of {self.name} is {value}, which is no finite number from 0")
 
 
 def pareto_front(points: Iterable[Point]) -> tuple[Point, ...]:
@@ -35,22 +35,24 @@ def pareto_front(points: Iterable[Point]) -> tuple[Point, ...]:
     A point dominates another if neither its cost nor its error is larger, and at least one of them is smaller. Equal
     points do not dominate each other: all of them are on the front, or none.
     """
-    kept: list[Point] = []
-    for point in sorted(points, key=lambda one: (one.cost, one.error)):
-        last = kept[-1] if kept else None
+    front: list[Point] = []
+    for point in sorted(points, key=lambda point: (point.cost, point.error)):
+        last = front[-1] if front else None
         if last is None or point.error < last.error or (point.cost, point.error) == (last.cost, last.error):
-            kept.append(point)
-    return tuple(kept)
+            front.append(point)
+    return tuple(front)
 
 
-def cheapest_within(points: Iterable[Point], most: float) -> Point | None:
-    """The cheapest point whose error is at most ``most``; ties go to the smaller error. None if there is none."""
-    return min((one for one in points if one.error <= most), key=lambda one: (one.cost, one.error), default=None)
+def cheapest_within(points: Iterable[Point], max_error: float) -> Point | None:
+    """The cheapest point whose error is at most ``max_error``; ties go to the smaller error. None if there is none."""
+    permitted = (point for point in points if point.error <= max_error)
+    return min(permitted, key=lambda point: (point.cost, point.error), default=None)
 
 
-def best_within(points: Iterable[Point], budget: float) -> Point | None:
-    """The point of smallest error whose cost is at most ``budget``; ties go to the cheaper. None if there is none."""
-    return min((one for one in points if one.cost <= budget), key=lambda one: (one.error, one.cost), default=None)
+def best_within(points: Iterable[Point], max_cost: float) -> Point | None:
+    """The point of smallest error whose cost is at most ``max_cost``; ties go to the cheaper. None if there is none."""
+    permitted = (point for point in points if point.cost <= max_cost)
+    return min(permitted, key=lambda point: (point.error, point.cost), default=None)
 
 
 def mean_squared_error(psnr: float) -> float:

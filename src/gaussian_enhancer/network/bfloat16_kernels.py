@@ -72,10 +72,10 @@ def _pack_row(row, shift, result, place):
 
 @kernel
 @no_type_check
-def pack_references(photos, renders, visibility, drawn, result):
+def pack_references(photos, renders, visibility, has_renders, result):
     """Write photo - 1/2, visibility, photo - render and a flag, pixel-unshuffled by 2, as (r, i, j, 16) words."""
     count, _, height, width = photos.shape
-    flag = pack_pair(drawn, drawn)
+    flag = pack_pair(has_renders, has_renders)
     for row in prange(count * (height // 2)):
         n, i = row // (height // 2), row % (height // 2)
         for j in range(width // 2):
@@ -86,7 +86,7 @@ def pack_references(photos, renders, visibility, drawn, result):
                     first, second = photos[n, c, y, x], photos[n, c, y, x + 1]
                     result[n, i, j, 2 * c + a] = pack_pair(first - _HALF, second - _HALF)
                     residual = first - renders[n, c, y, x], second - renders[n, c, y, x + 1]
-                    result[n, i, j, 8 + 2 * c + a] = pack_pair(drawn * residual[0], drawn * residual[1])
+                    result[n, i, j, 8 + 2 * c + a] = pack_pair(has_renders * residual[0], has_renders * residual[1])
                 result[n, i, j, 6 + a] = pack_pair(visibility[n, 0, y, x], visibility[n, 0, y, x + 1])
                 result[n, i, j, 14 + a] = flag
 
@@ -98,14 +98,14 @@ def pack_depth(depth, unit, farthest, result, share):
     height, width = depth.shape
     for i in prange(height // 2):
         for j in range(width // 2):
-            known_sum = _ZERO
+            usable_sum = _ZERO
             for a in range(2):
                 first, second = depth[2 * i + a, 2 * j], depth[2 * i + a, 2 * j + 1]
-                first_known, second_known = _usable(first, farthest), _usable(second, farthest)
-                result[i, j, a] = pack_pair(_inverse(first, first_known, unit), _inverse(second, second_known, unit))
-                result[i, j, 2 + a] = pack_pair(first_known, second_known)
-                known_sum += first_known + second_known
-            share[i, j] = _QUARTER * known_sum
+                first_usable, second_usable = _usable(first, farthest), _usable(second, farthest)
+                result[i, j, a] = pack_pair(_inverse(first, first_usable, unit), _inverse(second, second_usable, unit))
+                result[i, j, 2 + a] = pack_pair(first_usable, second_usable)
+                usable_sum += first_usable + second_usable
+            share[i, j] = _QUARTER * usable_sum
 
 
 @inner
@@ -116,8 +116,8 @@ def _usable(depth, farthest):
 
 @inner
 @no_type_check
-def _inverse(depth, known, unit):
-    return min(unit / depth, _F(4)) if known > _ZERO else _ZERO
+def _inverse(depth, usable, unit):
+    return min(unit / depth, _F(4)) if usable > _ZERO else _ZERO
 
 
 @kernel
@@ -128,24 +128,24 @@ def modulate(features, modulation, share, result):
     for row in prange(count * height):
         n, i = row // height, row % height
         for j in range(width):
-            known_share = share[n, i, j]
+            usable_share = share[n, i, j]
             for c in range(channels):
                 value = to_float32(features[n, i, j, c])
                 scale, shift = to_float32(modulation[n, i, j, c]), to_float32(modulation[n, i, j, channels + c])
-                result[n, i, j, c] = to_bfloat16(value + known_share * (value * scale + shift))
+                result[n, i, j, c] = to_bfloat16(value + usable_share * (value * scale + shift))
 
 
 @kernel
 @no_type_check
-def weigh(logits, values, visibility, limit, news, trust):
-    """Write sum_i w_i value_i to ``news``, and the mean over heads of w_i to ``trust``.
+def weigh(logits, values, visibility, limit, fused, trust):
+    """Write sum_i w_i value_i to ``fused``, and the mean over heads of w_i to ``trust``.
 
     w_i = v_i exp(l_i) / (1 + sum_j v_j exp(l_j)), where l are the logits bounded by ``limit``.
     logits (n, r, i, j, heads) and values (n, r, i, j, c) are bfloat16, visibility and trust (n, r, i, j) float32.
     """
     batch, count, height, width, heads = logits.shape
     channels = values.shape[4]
-    top = _F(np.exp(limit))
+    exp_limit = _F(np.exp(limit))
     for row in prange(batch * height):
         n, i = row // height, row % height
         weight = np.empty((count, width * heads), np.float32)
@@ -153,7 +153,7 @@ def weigh(logits, values, visibility, limit, news, trust):
         visible = np.empty(width * heads, np.float32)
         for r in range(count):
             _repeat(visibility[n, r, i], heads, visible)
-            _score(logits[n, r, i].reshape(width * heads), visible, limit, top, weight[r], total)
+            _score(logits[n, r, i].reshape(width * heads), visible, limit, exp_limit, weight[r], total)
         for q in range(width * heads):
             total[q] = _ONE / total[q]
         weighted_sum = np.zeros(width * channels, np.float32)
@@ -168,7 +168,7 @@ def weigh(logits, values, visibility, limit, news, trust):
                 for k in range(heads):
                     mean += weight[r, j * heads + k]
                 trust[n, r, i, j] = mean / _F(heads)
-        _convert_to_bfloat16(weighted_sum, news[n, i].reshape(width * channels))
+        _convert_to_bfloat16(weighted_sum, fused[n, i].reshape(width * channels))
 
 
 @inner
@@ -182,14 +182,14 @@ def _repeat(values, times, result):
 
 @inner
 @no_type_check
-def _score(logits, visibility, limit, top, weight, total):
-    """Write v exp(l), l = limit tanh(logit / limit), and add it to a total; ``top`` is exp(limit)."""
+def _score(logits, visibility, limit, exp_limit, weight, total):
+    """Write v exp(l), l = limit tanh(logit / limit), and add it to a total; ``exp_limit`` is exp(limit)."""
     for q in range(len(logits)):
         logit = to_float32(logits[q])
         e = exp2_nonpositive(-_F(2) * _LOG2E * abs(logit) / limit)
         t = (_ONE - e) / (_ONE + e)
         t = t if logit > _ZERO else -t
-        score = visibility[q] * (top * exp2_nonpositive(limit * _LOG2E * (t - _ONE)))
+        score = visibility[q] * (exp_limit * exp2_nonpositive(limit * _LOG2E * (t - _ONE)))
         weight[q] = score
         total[q] += score
 
@@ -277,7 +277,7 @@ def pool(references, visibility, result):
 
 @kernel
 @no_type_check
-def shrink(photos, renders, visibility, drawn, small_photos, small_renders, share):
+def shrink(photos, renders, visibility, has_renders, small_photos, small_renders, share):
     """Write visibility-weighted means of photos and renders over 2x2 pixels, and the mean visibility."""
     count, _, height, width = photos.shape
     for row in prange(count * (height // 2)):
@@ -288,22 +288,23 @@ def shrink(photos, renders, visibility, drawn, small_photos, small_renders, shar
             mean[j] = _QUARTER * (above[2 * j] + below[2 * j] + (above[2 * j + 1] + below[2 * j + 1]))
         for c in range(3):
             _shrink_row(photos[n, c, y], photos[n, c, y + 1], above, below, mean, small_photos[n, c, i])
-            if drawn > _ZERO:
+            if has_renders > _ZERO:
                 _shrink_row(renders[n, c, y], renders[n, c, y + 1], above, below, mean, small_renders[n, c, i])
 
 
 @inner
 @no_type_check
-def _shrink_row(one, two, above, below, share, result):
+def _shrink_row(upper, lower, upper_weight, lower_weight, share, result):
     for j in range(len(result)):
-        x = 2 * j
-        total = one[x] * above[x] + two[x] * below[x] + (one[x + 1] * above[x + 1] + two[x + 1] * below[x + 1])
+        x, right = 2 * j, 2 * j + 1
+        total = upper[x] * upper_weight[x] + lower[x] * lower_weight[x]
+        total += upper[right] * upper_weight[right] + lower[right] * lower_weight[right]
         result[j] = _QUARTER * total / max(share[j], _F(1e-6)) if share[j] > _ZERO else _ZERO
 
 
 @kernel
 @no_type_check
-def compose(decoded, render, photos, renders, visibility, trust, drawn, result):
+def compose(decoded, render, photos, renders, visibility, trust, has_renders, result):
     """Write render + confidence x residual + sum_i trust_i (g (photo_i - render) + k (photo_i - render_i)).
 
     decoded is bfloat16 (6, h, w), trust (r, i, j); the others are float32. renders are only read if drawn > 0.
@@ -319,7 +320,7 @@ def compose(decoded, render, photos, renders, visibility, trust, drawn, result):
             added, residual = np.zeros(width, np.float32), np.zeros(width, np.float32)
             for r in range(count):
                 _add_difference(added, weight[r], photos[r, c, y], render[c, y])
-                if drawn > _ZERO:
+                if has_renders > _ZERO:
                     _add_difference(residual, weight[r], photos[r, c, y], renders[r, c, y])
             for x in range(width):
                 change = _sigmoid(to_float32(decoded[3, y, x])) * to_float32(decoded[c, y, x])
@@ -329,9 +330,9 @@ def compose(decoded, render, photos, renders, visibility, trust, drawn, result):
 
 @inner
 @no_type_check
-def _add_difference(total, weight, one, other):
+def _add_difference(total, weight, first, second):
     for x in range(len(total)):
-        total[x] += weight[x] * (one[x] - other[x])
+        total[x] += weight[x] * (first[x] - second[x])
 
 
 @inner

@@ -104,7 +104,7 @@ def check_window(window: int) -> None:
 
 
 def _spread_extremes(
-    plane: Float[Tensor, "b h w"], axis: int, reach: int, chosen: Callable[..., Tensor]
+    plane: Float[Tensor, "b h w"], axis: int, reach: int, choose: Callable[..., Tensor]
 ) -> Float[Tensor, "b h w"]:
     """Minimum or maximum within reach along an axis; windows are cropped at the border."""
     extremes = plane.clone()
@@ -112,6 +112,6 @@ def _spread_extremes(
     for step in range(1, min(reach, length - 1) + 1):
         first, last = plane.narrow(axis, 0, length - step), plane.narrow(axis, step, length - step)
         before, after = extremes.narrow(axis, 0, length - step), extremes.narrow(axis, step, length - step)
-        chosen(before, last, out=before)
-        chosen(after, first, out=after)
+        choose(before, last, out=before)
+        choose(after, first, out=after)
     return extremes

@@ -20,35 +20,35 @@ def clamp(image, render, photos, visibility, reach, result):
     """Write the image clamped to minimum and maximum of render and visible photos (r, 3, h, w) around each pixel."""
     channels, height, width = image.shape
     for y in prange(height):
-        low, high = np.empty(width + 2 * reach, np.float32), np.empty(width + 2 * reach, np.float32)
-        least, greatest = np.empty(width, np.float32), np.empty(width, np.float32)
+        column_low, column_high = np.empty(width + 2 * reach, np.float32), np.empty(width + 2 * reach, np.float32)
+        inner_low, inner_high = column_low[reach : reach + width], column_high[reach : reach + width]
+        low, high = np.empty(width, np.float32), np.empty(width, np.float32)
         for c in range(channels):
-            low[:], high[:] = _INFINITE, -_INFINITE
+            column_low[:], column_high[:] = _INFINITE, -_INFINITE
             for j in range(max(0, y - reach), min(height, y + reach + 1)):
-                _widen_limits(render[c, j], render[c, j], low[reach : reach + width], high[reach : reach + width])
+                _widen_limits(render[c, j], render[c, j], inner_low, inner_high)
                 for r in range(len(photos)):
-                    inside = low[reach : reach + width], high[reach : reach + width]
-                    _widen_visible_limits(photos[r, c, j], visibility[r, 0, j], inside[0], inside[1])
-            least[:], greatest[:] = _INFINITE, -_INFINITE
+                    _widen_visible_limits(photos[r, c, j], visibility[r, 0, j], inner_low, inner_high)
+            low[:], high[:] = _INFINITE, -_INFINITE
             for i in range(2 * reach + 1):
-                _widen_limits(low[i : i + width], high[i : i + width], least, greatest)
+                _widen_limits(column_low[i : i + width], column_high[i : i + width], low, high)
             for x in range(width):
-                result[c, y, x] = min(max(image[c, y, x], least[x]), greatest[x])
+                result[c, y, x] = min(max(image[c, y, x], low[x]), high[x])
 
 
 @inner
 @no_type_check
-def _widen_limits(low, high, least, greatest):
+def _widen_limits(other_low, other_high, low, high):
     """Extend limits to include other limits."""
-    for x in range(len(least)):
-        least[x], greatest[x] = min(least[x], low[x]), max(greatest[x], high[x])
+    for x in range(len(low)):
+        low[x], high[x] = min(low[x], other_low[x]), max(high[x], other_high[x])
 
 
 @inner
 @no_type_check
-def _widen_visible_limits(values, visibility, least, greatest):
+def _widen_visible_limits(values, visibility, low, high):
     """Extend limits to include values where these are visible."""
-    for x in range(len(least)):
+    for x in range(len(low)):
         visible = visibility[x] > _ZERO
-        least[x] = min(least[x], values[x] if visible else _INFINITE)
-        greatest[x] = max(greatest[x], values[x] if visible else -_INFINITE)
+        low[x] = min(low[x], values[x] if visible else _INFINITE)
+        high[x] = max(high[x], values[x] if visible else -_INFINITE)

@@ -22,8 +22,8 @@ def pixel_unshuffle(image: Float[Tensor, "b c h w"]) -> Float[Tensor, "b 4*c i j
         image: image with even sides.
     """
     word = WORDS.get(image.element_size())
-    plain = image.device.type != "cpu" or image.requires_grad or torch.compiler.is_compiling()
-    if plain or word is None:
+    use_torch = image.device.type != "cpu" or image.requires_grad or torch.compiler.is_compiling()
+    if use_torch or word is None:
         return F.pixel_unshuffle(image, 2)
     batch, channels, height, width = image.shape
     if image.numel() == 0:

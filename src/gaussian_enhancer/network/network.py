@@ -34,11 +34,11 @@ class Network(nn.Module, abc.ABC):
             arguments: ``locals()`` of the constructor, before it defines other variables.
         """
         parameters = {name: value for name, value in arguments.items() if name not in ("self", "__class__")}
-        plain = {
+        plain_values = {
             name: list(value) if isinstance(value, Sequence) and not isinstance(value, str) else value
             for name, value in parameters.items()
         }
-        self.design = {"network": type(self).__name__, **plain}
+        self.design = {"network": type(self).__name__, **plain_values}
 
     @abc.abstractmethod
     def stages(self, views: NetworkInput) -> tuple[Float[Tensor, "b 3 _ _"], ...]:

@@ -22,7 +22,7 @@ def pad_to_stride(views: NetworkInput, stride: int) -> NetworkInput:
     if bottom == 0 and right == 0:
         return views
 
-    def grown(image: Tensor, finer: int) -> Tensor:
+    def pad(image: Tensor, finer: int) -> Tensor:
         bottom_margin, right_margin = finer * bottom, finer * right
         flat = image.reshape(-1, *image.shape[-3:])
         if flat.shape[0] == 0:
@@ -30,7 +30,7 @@ def pad_to_stride(views: NetworkInput, stride: int) -> NetworkInput:
         flat = F.pad(flat, (0, right_margin, 0, bottom_margin), mode="replicate")
         return flat.reshape(*image.shape[:-2], *flat.shape[-2:])
 
-    return views.map_images(grown)
+    return views.map_images(pad)
 
 
 def average_views(views: NetworkInput, factor: int) -> NetworkInput:
@@ -51,11 +51,9 @@ def average_views(views: NetworkInput, factor: int) -> NetworkInput:
     depth, unit = views.depth, views.depth_unit
     if depth is not None:
         unit = depth_unit(depth) if unit is None else unit
-        known_depth = usable_depth(depth)
-        inverse = torch.where(
-            known_depth, 1 / torch.where(known_depth, depth, torch.ones_like(depth)), torch.zeros_like(depth)
-        )
-        mean, covered = _average(inverse, factor, size), _average(known_depth.to(depth.dtype), factor, size)
+        usable = usable_depth(depth)
+        inverse = torch.where(usable, 1 / torch.where(usable, depth, torch.ones_like(depth)), torch.zeros_like(depth))
+        mean, covered = _average(inverse, factor, size), _average(usable.to(depth.dtype), factor, size)
         depth = torch.where(covered > 0, covered / torch.where(covered > 0, mean, torch.ones_like(mean)), 0.0)
     return NetworkInput(
         _average(views.render, factor, size),
@@ -75,9 +73,9 @@ def three_scales(views: NetworkInput, stride: int) -> tuple[NetworkInput, Networ
         views: network input at full size.
         stride: both sides are padded to a multiple of this number, which is itself a multiple of 4.
     """
-    whole = pad_to_stride(views, stride)
-    half = average_views(whole, 2)
-    return average_views(half, 2), half, whole
+    full = pad_to_stride(views, stride)
+    half = average_views(full, 2)
+    return average_views(half, 2), half, full
 
 
 def upsample_bicubic(image: Float[Tensor, "b c h w"], scale: int) -> Float[Tensor, "b c H W"]:

@@ -142,9 +142,9 @@ class SSIFSR(CachesReferences):
             for left in range(0, width, TILE):
                 inner = Region(top, left, min(top + TILE, height), min(left + TILE, width))
                 outer = inner.expand(halo, height, width)
-                parts = self._finer_scales(*(outer.crop(image, image.shape[-1] // width) for image in full_images))
-                for n, result, part in zip(UPSCALE, (second, fourth), parts, strict=True):
-                    inner.crop(result, n).copy_(inner.relative_to(outer).crop(part, n))
+                tiles = self._finer_scales(*(outer.crop(image, image.shape[-1] // width) for image in full_images))
+                for n, result, tile in zip(UPSCALE, (second, fourth), tiles, strict=True):
+                    inner.crop(result, n).copy_(inner.relative_to(outer).crop(tile, n))
         return second, fourth
 
 
@@ -320,13 +320,13 @@ def _merge_compiled(
     from gaussian_enhancer.network.ssif_sr_kernels import merge
 
     mean, soft = (torch.empty(base.shape) for _ in range(2))
-    seen, trust_sum = torch.empty(base[:, :1].shape), torch.empty(trust[:, 0].shape)
+    mask, trust_sum = torch.empty(base[:, :1].shape), torch.empty(trust[:, 0].shape)
     with kernel_lock:
         for b in range(len(base)):
             inputs = photos[b], halved[b], visibility[b, :, 0], trust[b, :, 0]
-            outputs = mean[b], seen[b, 0], soft[b], trust_sum[b, 0]
+            outputs = mean[b], mask[b, 0], soft[b], trust_sum[b, 0]
             merge(*(plane(image) for image in inputs), *(image.numpy() for image in outputs))
-    return NetworkInput(base, mean[:, None], seen[:, None], reference_renders=soft[:, None]), trust_sum[:, None]
+    return NetworkInput(base, mean[:, None], mask[:, None], reference_renders=soft[:, None]), trust_sum[:, None]
 
 
 def _weighted_sum(weight: Float[Tensor, "b r 1 h w"], photos: Float[Tensor, "b r 3 h w"]) -> Float[Tensor, "b 3 h w"]:

@@ -55,28 +55,29 @@ def upsample(image, shares, starts, result):
 def _weigh_neighbours(row, first, shares, result):
     """Write the weighted sum of four neighbours."""
     a, b, c, d = shares[0], shares[1], shares[2], shares[3]
-    one, two, three, four = row[first:], row[first + 1 :], row[first + 2 :], row[first + 3 :]
+    p0, p1, p2, p3 = row[first:], row[first + 1 :], row[first + 2 :], row[first + 3 :]
     for x in range(len(result)):
-        result[x] = a * one[x] + b * two[x] + c * three[x] + d * four[x]
+        result[x] = a * p0[x] + b * p1[x] + c * p2[x] + d * p3[x]
 
 
 @inner
 @no_type_check
-def _interleave_2(one, two, result):
-    for x in range(len(one)):
-        result[2 * x], result[2 * x + 1] = one[x], two[x]
+def _interleave_2(first, second, result):
+    for x in range(len(first)):
+        result[2 * x], result[2 * x + 1] = first[x], second[x]
 
 
 @inner
 @no_type_check
-def _interleave_4(one, two, three, four, result):
-    for x in range(len(one)):
-        result[4 * x], result[4 * x + 1], result[4 * x + 2], result[4 * x + 3] = one[x], two[x], three[x], four[x]
+def _interleave_4(first, second, third, fourth, result):
+    for x in range(len(first)):
+        result[4 * x], result[4 * x + 1] = first[x], second[x]
+        result[4 * x + 2], result[4 * x + 3] = third[x], fourth[x]
 
 
 @kernel
 @no_type_check
-def merge(photos, halved, visibility, trust, mean, seen, soft, together):
+def merge(photos, halved, visibility, trust, mean, mask, soft, trust_sum):
     """Write the results of `ssif_sr.merge_torch`: mean of the references, its mask, its soft part, sum of trust.
 
     Args:
@@ -85,16 +86,16 @@ def merge(photos, halved, visibility, trust, mean, seen, soft, together):
         visibility: visibility of the references, (r, i, j).
         trust: trust of the references, (r, i, j).
         mean: output, (3, h, w).
-        seen: output, (h, w): 1 where a reference is trusted.
+        mask: output, (h, w): 1 where a reference is trusted.
         soft: output, (3, h, w): content of the mean at half the resolution.
-        together: output, (i, j): the sum of trust.
+        trust_sum: output, (i, j): the sum of trust.
     """
     count, _, height, width = photos.shape
     weighted = np.empty((3, height // 2, width // 2), np.float32)
     for i in prange(height // 2):
-        together[i] = _ZERO
+        trust_sum[i] = _ZERO
         for r in range(count):
-            add_scaled(together[i], trust[r, i], _ONE)
+            add_scaled(trust_sum[i], trust[r, i], _ONE)
         for c in range(3):
             weighted[c, i] = _ZERO
             for r in range(count):
@@ -106,9 +107,9 @@ def merge(photos, halved, visibility, trust, mean, seen, soft, together):
             _zero_invisible(weight[r], visibility[r, y // 2])
             add_scaled(total, weight[r], _ONE)
         for x in range(width):
-            seen[y, x] = _ONE if total[x] > _ZERO else _ZERO
+            mask[y, x] = _ONE if total[x] > _ZERO else _ZERO
         trust_row = np.empty(width, np.float32)
-        double_row(together, y, trust_row)
+        double_row(trust_sum, y, trust_row)
         for c in range(3):
             mean[c, y] = _ZERO
             for r in range(count):
@@ -143,7 +144,7 @@ def _divide(values, total):
 
 @kernel
 @no_type_check
-def pack_merged(base, photo, seen, trust, result):
+def pack_merged(base, photo, mask, trust, result):
     """Write (photo - base) where seen, then base - 1/2, pixel-unshuffled by 2, then trust: (i, j, 25) bfloat16."""
     _, height, width = base.shape
     for i in prange(height // 2):
@@ -152,6 +153,6 @@ def pack_merged(base, photo, seen, trust, result):
                 for a in range(2):
                     for b in range(2):
                         y, x = 2 * i + a, 2 * j + b
-                        result[i, j, 4 * c + 2 * a + b] = to_bfloat16((photo[c, y, x] - base[c, y, x]) * seen[y, x])
+                        result[i, j, 4 * c + 2 * a + b] = to_bfloat16((photo[c, y, x] - base[c, y, x]) * mask[y, x])
                         result[i, j, 12 + 4 * c + 2 * a + b] = to_bfloat16(base[c, y, x] - _HALF)
             result[i, j, 24] = to_bfloat16(trust[i, j])

@@ -65,13 +65,13 @@ class Gather(nn.Module):
             return references.new_zeros(len(references), 0, self.encode_render.channels, height // 2, width // 2)
         if self.reference_renders and can_fuse(references, visibility, views.reference_renders):
             return self.encode_reference.features(_pack_references(views)).unflatten(0, references.shape[:2])
-        further = None
+        extra_planes = None
         if self.reference_renders:
             renders = views.reference_renders
             residual = torch.zeros_like(references) if renders is None else references - renders
             flag = torch.full_like(visibility, float(renders is not None))
-            further = torch.cat([residual, flag], dim=2).flatten(0, 1)
-        features = self.encode_reference(references.flatten(0, 1), visibility.flatten(0, 1), further)
+            extra_planes = torch.cat([residual, flag], dim=2).flatten(0, 1)
+        features = self.encode_reference(references.flatten(0, 1), visibility.flatten(0, 1), extra_planes)
         return features.unflatten(0, references.shape[:2])
 
     def forward(

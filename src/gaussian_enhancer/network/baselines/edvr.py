@@ -114,7 +114,7 @@ class PyramidAlignment(nn.Module):
 
     def __init__(self, channels: int, groups: int, reach: float) -> None:
         super().__init__()
-        self.levels = nn.ModuleList(OffsetStep(channels, groups, reach, informed) for informed in (True, True, False))
+        self.levels = nn.ModuleList(OffsetStep(channels, groups, reach, level < 2) for level in range(3))
         self.cascade = OffsetStep(channels, groups, reach, has_coarser=False)
 
     def forward(
@@ -167,10 +167,10 @@ class OffsetStep(nn.Module):
         return offset_features, aligned
 
     def predict_offsets(
-        self, found: Float[Tensor, "f o i j"]
+        self, offset_features: Float[Tensor, "f o i j"]
     ) -> tuple[Float[Tensor, "f _ i j"], Float[Tensor, "f _ i j"]]:
         """Offsets, bounded by ``reach``, and masks in [0, 2], predicted from offset features."""
-        x = self.predict(found).float()
+        x = self.predict(offset_features).float()
         split = 2 * 9 * self.groups
         return self.reach * torch.tanh(x[:, :split]), 2 * torch.sigmoid(x[:, split:])
 

@@ -78,8 +78,8 @@ class PaperSSIFLR(CachesReferences):
         quarter = self._scale(0)(pyramid[0], references[0])
         quarter = self._realign_coarsest(quarter, pyramid[0], references[0])
         half = self.combine(self._scale(1)(pyramid[1], references[1]), quarter)
-        whole = self.fuse(self._scale(2)(pyramid[2], references[2]), quarter, half)
-        scales = zip((quarter, half, whole), FACTORS, strict=True)
+        full = self.fuse(self._scale(2)(pyramid[2], references[2]), quarter, half)
+        scales = zip((quarter, half, full), FACTORS, strict=True)
         return tuple(image[..., : -(-height // factor), : -(-width // factor)] for image, factor in scales)
 
     def _realign_coarsest(
