@@ -1,12 +1,12 @@
 """The share of a network's change to apply, block by block, predicted from the references.
 
 A network changes a render where warped photos differ from it. Where depth is wrong, photos differ by misalignment, and
-the change does harm. Where the light moved with the camera, or the object was turned under it, photos differ in shade,
-and their detail is right where their mean is wrong. So the change is split into its means over blocks and the detail
-beside them, and each has a share of its own. Photos that are aligned support the change and each other. Of two photos
-whose errors are independent, the mean product of their differences from the render estimates the render's squared error
-(the "three-cornered hat" of Gray and Allan, 1974). A small network judges each block by such products, of means and of
-details. Its training is the job ``train_confidence``.
+the change does harm. Where the light moved with the camera, or the object was turned under it, photos differ in shade:
+their detail is right, but their mean is wrong. So the change is split into its means over blocks and the remaining
+detail, and a separate share of each is applied. Aligned photos agree with the change and with each other. If the errors
+of two photos are independent, the mean product of their differences from the render estimates the render's squared
+error (the "three-cornered hat" of Gray and Allan, 1974). A small network predicts the shares of each block from such
+products, of means and of details. The job ``train_confidence`` trains it.
 
 Axes: b batch, r references, k bands (means, details), h height, w width, i j blocks, v vectors of a block, n their
 values, f features.
@@ -24,21 +24,23 @@ from gaussian_enhancer.types import NetworkInput
 BLOCK = 8
 """Side of a block, in pixels."""
 STEP = 2
-"""Every so many rows and columns of pixels are looked at; all of them take four times as long."""
+"""Step between the sampled rows and columns of pixels; a step of 1 takes four times as long."""
 SAMPLES = BLOCK // STEP
+"""Samples along a side of a block."""
 STRIP = 64
-"""Rows of blocks that are worked on at once, so that large images need little memory."""
+"""Number of rows of blocks that are processed at a time, to limit the memory for large images."""
 MIN_VISIBLE_SHARE = 0.1
-"""Share of a block's pixels that a reference has to see to count."""
+"""Share of a block's pixels above which a reference's features of the block are used."""
 EPSILON = 1e-6
-"""Added to squared colour differences that are divided by."""
+"""Added to squared colour differences in denominators."""
 BANDS = 2
-"""Parts of the change that have shares of their own: block means, and details."""
+"""Parts of the change with separate shares: block means, and details."""
 OF_IMAGE, OF_REFERENCE, OF_PAIR = 3, 7, 3
+"""Numbers of features: of the image, and in each band of a reference and of a pair of references."""
 FEATURES = OF_IMAGE + BANDS * (1 + 3 * (OF_REFERENCE + OF_PAIR))
-"""Features of a block: for each band the mean, least and greatest evidence of references, and of pairs."""
+"""Features of a block. Those of references and of pairs are reduced to their mean, minimum and maximum."""
 INPUTS = 3 * FEATURES
-"""The block's own, those averaged over 3x3 blocks, and over the image."""
+"""Inputs of the network: the block's features, their means over 3x3 blocks, and their means over the image."""
 
 
 class ChangeConfidence(nn.Module):
@@ -66,16 +68,16 @@ class ChangeConfidence(nn.Module):
         )
 
     def predict_shares(self, features: Float[Tensor, "b f i j"]) -> Float[Tensor, "b k i j"]:
-        """The shares of each block, not limited; see `block_features`."""
+        """The shares of each block, not clamped; see `block_features`."""
         standard = (features - self.centre[:, None, None]) / self.scale[:, None, None]
         shares: Tensor = self.layers(standard.clamp(-4, 4))
         return shares
 
     def forward(self, enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Float[Tensor, "b 3 h w"]:
-        """The render with that share of each band of the change that the references support.
+        """The render plus the predicted share of each band of the change.
 
         Args:
-            enhanced: what the network made of the render, in [0, 1].
+            enhanced: the network's output, in [0, 1].
             views: the render and its references.
         """
         shares = self.predict_shares(block_features(enhanced, views)).clamp(0, 1)
@@ -86,12 +88,12 @@ class ChangeConfidence(nn.Module):
 def apply_shares_torch(
     enhanced: Float[Tensor, "b 3 h w"], render: Float[Tensor, "b 3 h w"], shares: Float[Tensor, "b k i j"]
 ) -> Float[Tensor, "b 3 h w"]:
-    """The render with each block's shares of the bands of the change. Readable twin of the compiled kernel.
+    """The render plus each block's shares of the bands of the change. Readable twin of the compiled kernel.
 
     Args:
-        enhanced: what the network made of the render, in [0, 1].
+        enhanced: the network's output, in [0, 1].
         render: the render.
-        shares: of the change's means and of its details, linear between the blocks' centres.
+        shares: shares of the change's means and of its details, interpolated linearly between the blocks' centres.
     """
     means, details = split_change(enhanced - render)
     fine = interpolate_blocks(shares, *render.shape[-2:])
@@ -101,7 +103,7 @@ def apply_shares_torch(
 def apply_shares_compiled(
     enhanced: Float[Tensor, "b 3 h w"], render: Float[Tensor, "b 3 h w"], shares: Float[Tensor, "b k i j"]
 ) -> Float[Tensor, "b 3 h w"]:
-    """The same by a compiled kernel."""
+    """Compiled version of `apply_shares_torch`."""
     from gaussian_enhancer.infer.change_confidence_kernels import apply_shares
     from gaussian_enhancer.splat.compiled import kernel_lock
 
@@ -115,7 +117,7 @@ def apply_shares_compiled(
 
 
 def split_change(change: Float[Tensor, "b 3 h w"]) -> tuple[Float[Tensor, "b 3 h w"], Float[Tensor, "b 3 h w"]]:
-    """Means of a change over blocks, linear between the blocks' centres, and the detail that is left."""
+    """Means of a change over blocks, interpolated linearly between the blocks' centres, and the remaining detail."""
     height, width = change.shape[-2:]
     means = interpolate_blocks(F.avg_pool2d(change, BLOCK, ceil_mode=True), height, width)
     return means, change - means
@@ -124,7 +126,7 @@ def split_change(change: Float[Tensor, "b 3 h w"]) -> tuple[Float[Tensor, "b 3 h
 def interpolate_blocks(
     blocks: Float[Tensor, "b c i j"], height: int, width: int
 ) -> Float[Tensor, "b c {height} {width}"]:
-    """Blocks' values at each pixel, linear between the blocks' centres."""
+    """Values of blocks at each pixel, interpolated linearly between the blocks' centres."""
     fine = F.interpolate(blocks, scale_factor=BLOCK, mode="bilinear", align_corners=False)
     return fine[..., :height, :width]
 
@@ -133,7 +135,7 @@ def block_features(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> F
     """Features of each block from the change and the references, and their means over 3x3 blocks and over the image.
 
     Args:
-        enhanced: what the network made of the render.
+        enhanced: the network's output.
         views: the render, its references, their visibility and the splat's renders of their views.
     """
     inputs: tuple[Tensor, ...] = enhanced, views.render, views.references, views.visibility
@@ -152,10 +154,10 @@ Products = tuple[
 
 
 def block_products(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Products:
-    """Mean products by block of every two vectors, shares of a block that references see, and mean changes.
+    """Inner products of each block's vectors, for means and for details, visible shares, and mean changes.
 
-    The vectors are those of `_block_descriptions`. The products are those of their means, and of their
-    details. Readable twin of the compiled kernel, on any device.
+    The vectors are listed in `_block_descriptions`. Products are means over pixels and channels. Readable twin of the
+    compiled kernel, on any device.
     """
     image, render, photos, visibility = (
         image[..., ::STEP, ::STEP].float() for image in (enhanced, views.render, views.references, views.visibility)
@@ -174,7 +176,7 @@ def block_products(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> P
 
 
 def products_compiled(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Products:
-    """The same by a compiled kernel."""
+    """Compiled version of `block_products`."""
     from gaussian_enhancer.infer.change_confidence_kernels import block_products as kernel
     from gaussian_enhancer.splat.compiled import kernel_lock
 
@@ -193,12 +195,12 @@ def products_compiled(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -
 
 
 def _block_means(image: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c i j"]:
-    """Means over blocks; at the far borders, over the pixels inside the image."""
+    """Means over blocks; in blocks that the border cuts, over the pixels inside the image."""
     return F.avg_pool2d(image, SAMPLES, ceil_mode=True)
 
 
 def _products(images: Float[Tensor, "b v 3 h w"]) -> tuple[Float[Tensor, "b v v i j"], Float[Tensor, "b v v i j"]]:
-    """Mean products, by block, of every two of some images: of their block means, and of their details."""
+    """Mean products of each two images in each block: of their block means, and of their details."""
     height, width = images.shape[-2:]
     padding = 0, -width % SAMPLES, 0, -height % SAMPLES
     blocks = F.pad(images, padding).unflatten(-1, (-1, SAMPLES)).unflatten(-3, (-1, SAMPLES))
@@ -216,10 +218,15 @@ def _block_descriptions(
     visible_share: Float[Tensor, "b r i j"],
     change: Float[Tensor, "b 3 i j"],
 ) -> Float[Tensor, "b f i j"]:
-    """Features of blocks from mean products of their vectors, those of means and those of details.
+    """Features of blocks.
 
-    The vectors: the change, the render, then where each reference sees, the change, photo - render, and photo - the
-    splat's render of its view. Beside them the mean of the change.
+    The vectors of a block are the change, the render and, where a reference is visible, for each reference the change,
+    photo - render, and photo - the splat's render of its view.
+
+    Args:
+        bands: mean products of the vectors' block means, and of their details.
+        visible_share: share of each block in which each reference is visible.
+        change: mean change of each block.
     """
     means, details = (products[:, 0, 0].clamp_min(0) for products in bands)
     texture = bands[1][:, 1, 1].clamp_min(0).sqrt()
@@ -233,7 +240,7 @@ def _block_descriptions(
 def _reference_evidence(
     products: Float[Tensor, "b v v i j"], visible_share: Float[Tensor, "b r i j"]
 ) -> list[Float[Tensor, "b f i j"]]:
-    """Summary of the evidence of references, and of pairs of them, on one band."""
+    """Mean, minimum and maximum of the features of references, and of pairs of references, in one band."""
     count = visible_share.shape[1]
     reference_features, pair_features = [], []
     for i in range(count):
@@ -278,7 +285,7 @@ def _summary(
     zeros: Float[Tensor, "b 1 i j"],
     count: int,
 ) -> list[Float[Tensor, "b f i j"]]:
-    """Mean, least and greatest of the values that count; zeros where none has."""
+    """Mean, minimum and maximum of the valid values; zeros where none is valid."""
     if not values:
         return [torch.zeros_like(zeros).expand(-1, 3 * count, -1, -1)]
     stacked, valid = torch.stack(values), torch.stack(is_valid)[:, :, None]

@@ -1,6 +1,6 @@
 """Enhancement of the views of a set, one after another.
 
-Axes: b batch, h height, w width, H, W the same times the network's scale.
+Axes: b batch, h height, w width, H = scale h, W = scale w, for the network's scale.
 """
 
 import dataclasses
@@ -41,16 +41,16 @@ class EnhancedView:
 
     Args:
         name: the render's file name.
-        image: of the render's size, or finer by the network's scale, [0, 1].
+        image: enhanced image, the network's scale times as fine as the render, [0, 1].
         preparing: milliseconds for choosing, reading and warping references.
         enhancing: milliseconds for the network.
-        references: names of the references that were used, best first. Where several regions were enhanced, those of
-            the first.
-        plan: which parts were enhanced; None where everything was.
-        coverage: the sum of the references' visibilities at each pixel of the render; 0 where the plan passes the
-            render through. None unless ``keeps_coverage`` of `SetEnhancer` is set.
-        unchanged: whether the image is the input render, since no reference is visible in it, or since the splat was
-            fitted to this view and the render is closer to its photo than the enhanced image.
+        references: names of the references that were used, best first; if several regions were enhanced, those of the
+            first region.
+        plan: which parts were enhanced; None if there was no plan and everything was.
+        coverage: sum of the references' visibilities at each pixel of the render; 0 where the plan passes the render
+            through. None unless ``keeps_coverage`` of `SetEnhancer` is set.
+        unchanged: whether the image is the input render, because no reference is visible in it, or because the splat
+            was fitted to this view and the render is closer to its photo than the enhanced image.
     """
 
     name: str
@@ -72,25 +72,23 @@ class SetEnhancer:
         network: the enhancement network.
         reference_config: how references are chosen and aligned.
         device: where the network runs; None is the CPU.
-        precision: of the network's convolutions; "auto" is float16 on CUDA devices, bfloat16 on CPUs that compute in
-            it, and float32 on other CPUs.
-        tile: side of the tiles that larger images are cut into, a multiple of 16. Super-resolution takes tiles twice as
-            large, since it splits its finer scales further itself.
+        precision: precision of the network's convolutions; "auto" is float16 on CUDA devices, bfloat16 on CPUs with
+            bfloat16 instructions, and float32 on other CPUs.
+        tile: side in render pixels of the tiles that larger images are cut into, a multiple of 16. Tiles of
+            super-resolution are twice as large, since it splits its finer scales further itself.
         halo: width in pixels of the border of a tile that is computed and discarded, a multiple of 16.
         strength: share of the network's change that is applied, in [0, 1]; 0 returns the render.
         temporal_smoothing: for frames of a path: share of the change that each target takes over from the previous
             one, in [0, 1) (`smooth_change`). Super-resolution does not support it.
         colour_clamping: side in pixels of a window; each enhanced pixel is clamped to the colours of the render and of
-            the warped references in the window around it (`clamp_to_references`). 0 turns clamping off. It has no
-            effect on super-resolution, or where references are not warped.
+            the warped references in the window around it (`clamp_to_references`). 0 turns clamping off. This and the
+            next two options have no effect on super-resolution, or if references are not warped.
         colour_completion: where no reference is visible, replace the smooth part of the network's change by the one
-            that visible pixels predict (`complete_change`). It has no effect where colour_clamping has none by the
-            network or the warp.
-        confidence: predicts the shares of the change to apply; None applies all of it. It has no effect where
-            colour_clamping has none by the network or the warp.
-        pass_through: return the render itself where no reference is visible in a view. A network that was trained with
+            that visible pixels predict (`complete_change`).
+        confidence: predicts the shares of the change to apply; None applies all of it.
+        pass_through: return the render itself if no reference is visible in a view. A network that was trained with
             references can only guess without any. It has no effect on super-resolution.
-        keeps_coverage: return the coverage of each view by references as well (`EnhancedView`).
+        keeps_coverage: also return the coverage of each view by references (`EnhancedView`).
 
     Raises:
         InputError: precision, strength, temporal_smoothing or colour_clamping is out of range.
@@ -157,10 +155,10 @@ class SetEnhancer:
             planner: decides which regions and references of a view are left out; None enhances every pixel with the
                 references that the reference configuration chooses.
             pool: the set's references, some of which may be in memory; ignored with a planner, which has a pool.
-            features: a cache of these references' features from an earlier call; no effect where references are warped.
+            features: cache of these references' features from an earlier call; no effect if references are warped.
 
         Raises:
-            InputError: a view cannot be read, or has no camera or depth where alignment or smoothing needs it.
+            InputError: a view cannot be read, or lacks the camera or depth that alignment or smoothing needs.
         """
         previous: PreviousChange | None = None
         pool = planner.pool if planner is not None else ReferencePool(rendered.references) if pool is None else pool
@@ -217,7 +215,7 @@ class SetEnhancer:
     def _enhance_regions(
         self, view: RenderedView, target: LoadedView, planner: Planner, plan: ViewPlan, started: float
     ) -> EnhancedView:
-        """Enhance the planned regions of a view, each as a separate image; the rest stays as it was rendered."""
+        """Enhance the planned regions of a view, each as a separate image; other pixels are those of the render."""
         height, width = plan.size
         scale, chosen_references = self.network.scale, planner.reference_indices(plan)
         scene_depth_unit = None if target.depth is None else depth_unit(target.depth[None])
@@ -261,8 +259,8 @@ class SetEnhancer:
 
         Args:
             views: the network's input for the targets.
-            names: of the references; keys of the cache.
-            reference_features: cached features for several targets; without effect if the image needs several tiles.
+            names: names of the references, which are keys of the cache.
+            reference_features: cache of reference features; no effect if the image needs several tiles.
 
         Raises:
             InputError: values are not finite or far out of range.
@@ -303,9 +301,9 @@ def _same_pose(camera: Camera | None, other: Camera | None) -> bool:
 
 
 def _better_as_rendered(target: LoadedView, enhanced: Float[Tensor, "3 h w"], pool: ReferencePool, index: int) -> bool:
-    """Whether the splat was fitted to a view, and its render is closer than the enhanced image to its photo.
+    """Whether the splat was fitted to a view, and the render has a smaller mean squared error than the enhanced image.
 
-    The measure is the mean squared error. The photo's exposure is matched to that of the render.
+    The error is measured to the view's photo, whose exposure is matched to that of the render.
 
     Args:
         target: pixels of the render.

@@ -1,8 +1,8 @@
-"""Enhancement networks as programs for other runtimes: ONNX, or torch.export's archive.
+"""Export of enhancement networks as programs for other runtimes: ONNX, or torch.export's archive.
 
-A program takes one view and has no Python in it. Its inputs are those of `NetworkInput`, each by its name; images are
-float32 with sides that are multiples of the network's stride. The number of references is fixed: fewer are given by
-images of zeros with visibility 0, which change nothing. Axes: r references, h height, w width.
+A program enhances one view without Python. Its inputs are the fields of `NetworkInput`, by name; images are float32
+with sides that are multiples of the network's stride. The number of references is fixed: missing ones are images of
+zeros with visibility 0, which have no effect. Axes: h height, w width, H = scale h, W = scale w.
 """
 
 import dataclasses
@@ -30,21 +30,21 @@ from gaussian_enhancer.types import NetworkInput
 Format = Literal["onnx", "torch_export"]
 ENDINGS: dict[str, str] = {"onnx": ".onnx", "torch_export": ".pt2"}
 LONGEST_SIDE = 8192
-"""Pixels; the programs take renders up to this size."""
+"""Largest side in pixels of a program's renders."""
 METADATA = "gaussian_enhancer"
-"""Name under which a program carries its `Signature`, as JSON."""
+"""Key of a program's metadata whose value is its `Signature` as JSON."""
 
 
 @dataclass(frozen=True)
 class Signature:
-    """An exported program's signature, for its callers.
+    """Inputs and output of an exported program.
 
     Args:
-        name: of the weights.
-        stride: sides of the inputs are multiples of it.
-        references: how many references the program takes.
-        scale: how many times finer than the render the output is.
-        inputs: names of the inputs, in their order.
+        name: name of the weights.
+        stride: sides of the inputs are multiples of this number of pixels.
+        references: number of references.
+        scale: resolution of the output relative to the render's.
+        inputs: names of the inputs, in order.
     """
 
     name: str
@@ -55,11 +55,11 @@ class Signature:
 
 
 class Program(nn.Module):
-    """A network that takes tensors in place of a `NetworkInput`.
+    """A network whose arguments are tensors instead of a `NetworkInput`.
 
     Args:
-        network: in evaluation mode.
-        inputs: which fields of the network's input are given, in their order.
+        network: the network, in evaluation mode.
+        inputs: fields of the network's input that are given, in order.
     """
 
     def __init__(self, network: Network, inputs: tuple[str, ...]) -> None:
@@ -73,11 +73,11 @@ class Program(nn.Module):
 
 
 def signature_of(pretrained: Pretrained, references: int | None = None) -> Signature:
-    """What a program of these weights takes.
+    """The signature of a program of these weights.
 
     Args:
         pretrained: weights.
-        references: how many references; None takes as many as the weights were trained with.
+        references: number of references; None means as many as in training.
 
     Raises:
         InputError: the number is out of range.
@@ -93,12 +93,12 @@ def signature_of(pretrained: Pretrained, references: int | None = None) -> Signa
 
 
 def program_inputs(views: NetworkInput, signature: Signature) -> dict[str, Tensor]:
-    """Inputs of a program for one view: padded to the stride, with as many references as the program takes.
+    """Inputs of a program for one view: padded to the stride, with the program's number of references.
 
     Args:
-        views: one view, of any size, with at most the program's number of references. Depth that is not known becomes
-            0, which stands for no depth; opacity that is not known becomes 1.
-        signature: of the program.
+        views: one view, of any size, with at most the program's number of references. Unknown depth becomes 0, which
+            means no depth; unknown opacity becomes 1.
+        signature: the program's signature.
 
     Raises:
         InputError: there are several views or too many references, or renders of the references are missing.
@@ -131,10 +131,10 @@ def example_inputs(signature: Signature, height: int = 96, width: int = 128, see
     """Random inputs of a program.
 
     Args:
-        signature: of the program.
-        height: of the render, a multiple of the stride.
-        width: as height.
-        seed: of the random numbers.
+        signature: the program's signature.
+        height: height of the render, a multiple of the stride.
+        width: width of the render, a multiple of the stride.
+        seed: seed of the random numbers.
     """
     rng = torch.Generator().manual_seed(seed)
 
@@ -155,14 +155,14 @@ def example_inputs(signature: Signature, height: int = 96, width: int = 128, see
 
 
 def trace_network(pretrained: Pretrained, signature: Signature) -> ExportedProgram:
-    """The network as torch.export's program, for renders of any size up to `LONGEST_SIDE`.
+    """The network as torch.export's program, for renders with sides from 4 strides to `LONGEST_SIDE`.
 
     Args:
         pretrained: weights.
-        signature: what the program takes.
+        signature: the program's signature.
     """
     stride = signature.stride
-    # At least four strides: below, torch.export would make programs for single sizes.
+    # For smaller sides, torch.export would make programs for single sizes.
     bounds: dict[str, int] = {"min": 4, "max": LONGEST_SIDE // stride}
     height, width = (stride * Dim(name, **bounds) for name in ("height", "width"))
     inputs = example_inputs(signature, 6 * stride, 8 * stride)
@@ -183,17 +183,17 @@ def trace_network(pretrained: Pretrained, signature: Signature) -> ExportedProgr
 def export_network(
     pretrained: Pretrained, path: Path, form: Format = "onnx", references: int | None = None
 ) -> tuple[Signature, float]:
-    """Write a network as a program, whole or not at all, read it again and compare it with the network.
+    """Write a network as a program, atomically, and compare the written program with the network.
 
     Args:
         pretrained: weights.
         path: file to write.
         form: "onnx" (needs the extra ``export``) or "torch_export".
-        references: how many references the program takes; None takes as many as the weights were trained with.
+        references: number of references of the program; None means as many as in training.
 
     Returns:
-        What the program takes, and the largest difference of its output from the network's on random inputs of
-        another size than it was traced with.
+        The program's signature, and the largest difference of its output from the network's, on random inputs of
+        another size than those of the trace.
 
     Raises:
         InputError: the format is unknown, its packages are missing, or the file cannot be written.
@@ -218,10 +218,10 @@ def export_network(
 
 
 def require_onnx() -> None:
-    """Refuse where the packages of the extra ``export`` are missing.
+    """Refuse if a package of the extra ``export`` is missing.
 
     Raises:
-        InputError: one of them is.
+        InputError: a package cannot be imported.
     """
     for name in ("onnx", "onnxscript", "onnxruntime"):
         optional_library(name, "format=onnx", "export")
@@ -240,15 +240,15 @@ class LoadedProgram:
     """A program that was read from a file.
 
     Args:
-        signature: what it takes.
-        run: from tensors by name to the enhanced image.
+        signature: the program's signature.
+        run: function from tensors by name to the enhanced image.
     """
 
     def __init__(self, signature: Signature, run: Any) -> None:
         self.signature, self._run = signature, run
 
     def __call__(self, inputs: Mapping[str, Tensor]) -> Float[Tensor, "1 3 H W"]:
-        """Enhance one view whose inputs `program_inputs` has made."""
+        """Enhance one view, given the result of `program_inputs`."""
         result: Tensor = self._run({name: inputs[name] for name in self.signature.inputs})
         return result
 
@@ -263,9 +263,9 @@ class LoadedProgram:
 
 
 def load_program(path: Path) -> LoadedProgram:
-    """Read a program: ``.onnx`` for onnxruntime on the processor, ``.pt2`` for torch.
+    """Read a program: ``.onnx`` runs in onnxruntime on the CPU, ``.pt2`` in torch.
 
-    A ``.pt2`` archive is trusted as code is; read only those that you wrote.
+    A ``.pt2`` archive can run code; read only those that you wrote.
 
     Raises:
         InputError: the file is of neither kind, or was not written by `export_network`.

@@ -1,4 +1,4 @@
-"""Check that views have finite values within range."""
+"""Check that network inputs have finite values within range."""
 
 import dataclasses
 
@@ -12,9 +12,9 @@ LARGEST = 1e3
 
 
 def refuse_not_finite(views: NetworkInput) -> None:
-    """Refuse views with values that are not finite or too large, which a network would spread over the image.
+    """Refuse values that are not finite or too large, which a network would spread over the image.
 
-    Depth that is not finite is allowed: it counts as unknown.
+    Depth need not be finite: where it is not, it counts as unknown.
 
     Args:
         views: the network's input.

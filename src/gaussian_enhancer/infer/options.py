@@ -19,20 +19,20 @@ class EnhancementOptions:
     """How renders are enhanced. The defaults are those of the job ``enhance``.
 
     Args:
-        max_references: photos that the network sees at most, 0 to 8; None takes as many as in training. With 0 the
-            network works on the render alone; otherwise a view in which no photo is visible is returned as it is.
-        depth_kind: what the renders' depth is: "surface" (median z), "expected" (mean z, as gsplat and nerfstudio
-            render it), "exact", or "auto": what the input's source is known to give, "expected" for depth in memory.
-        strength: share of the network's change that is applied, 0 (the render) to 1, beside ``confidence``; None takes
-            1 with confidence, and the weights' own without.
-        colour_clamping: side in pixels of the windows within whose colours, the render's and the warped
-            references', an enhanced pixel stays; odd, 0 for no limit.
-        colour_completion: where no reference is visible, carry on the smooth change of colour that is seen elsewhere.
-        confidence: apply only that share of the change, block by block, that the references support; without effect
-            for weights that have none.
+        max_references: maximum number of photos for the network, 0 to 8; None means as many as in training. With 0, the
+            network works on the render alone; otherwise, a view in which no photo is visible is returned unchanged.
+        depth_kind: kind of the renders' depth: "surface" (median z), "expected" (mean z, as gsplat and nerfstudio
+            render it), "exact", or "auto": the kind that the input's source gives, "expected" for depth in memory.
+        strength: share of the network's change that is applied, 0 (the render) to 1, in addition to ``confidence``;
+            None means 1 with confidence, and the strength that the weights state without it.
+        colour_clamping: side in pixels of the windows whose colours, of the render and of the warped references, limit
+            an enhanced pixel; odd, 0 for no limit.
+        colour_completion: where no reference is visible, extrapolate the smooth change of colour from visible pixels.
+        confidence: apply only the share of the change, block by block, that the references support; no effect for
+            weights without a change confidence.
         temporal_smoothing: for frames along a path: share of the change that a frame takes over from the frame before
-            it, 0 to below 1. It needs cameras and depth.
-        precision: of the network's convolutions: "auto", "float32", "bfloat16" or "float16".
+            it, from 0 to below 1. It needs cameras and depth.
+        precision: precision of the network's convolutions: "auto", "float32", "bfloat16" or "float16".
         tile: side in pixels of the tiles that larger images are cut into, a multiple of 16.
         plan: what may be left out: "auto" leaves out references that do not help, depth that does not fit, and plain
             background; "full" leaves out nothing; `Rules` decide each item.
@@ -70,7 +70,7 @@ class EnhancementOptions:
 
         Args:
             pretrained: the weights.
-            depth: what the input's depth is where ``depth_kind`` is "auto".
+            depth: kind of the input's depth if ``depth_kind`` is "auto".
 
         Raises:
             InputError: the number of references is out of range.
@@ -92,20 +92,20 @@ class EnhancementOptions:
         Args:
             pretrained: the weights.
             reference_config: how references are chosen and aligned, as far as the input allows.
-            device: where the network runs; None is the processor.
+            device: where the network runs; None is the CPU.
 
         Raises:
             InputError: an option is out of range, or does not suit the weights.
         """
         confidence = pretrained.confidence if self.confidence else None
-        own_strength = pretrained.strength if confidence is None else 1.0
+        default_strength = pretrained.strength if confidence is None else 1.0
         enhancer = SetEnhancer(
             pretrained.network,
             reference_config,
             device,
             self.precision,
             self.tile,
-            strength=own_strength if self.strength is None else float(self.strength),
+            strength=default_strength if self.strength is None else float(self.strength),
             temporal_smoothing=float(self.temporal_smoothing),
             colour_clamping=int(self.colour_clamping),
             colour_completion=self.colour_completion,

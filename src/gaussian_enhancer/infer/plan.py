@@ -1,6 +1,6 @@
-"""The plan of an enhancement: the parts of a scene that are used or left out, and why.
+"""The plan of an enhancement: which parts of a scene are used or left out, and why.
 
-It is plain data that is printed and saved. `gaussian_enhancer.infer.planner` makes it.
+It is plain data, to be printed and saved. `gaussian_enhancer.infer.planner` makes it.
 """
 
 import dataclasses
@@ -22,15 +22,15 @@ class Rules:
     """What a plan may leave out. The defaults leave nothing out.
 
     Args:
-        references: "auto" warps all candidates on a coarse grid first, and at full size only the best ones that see at
-            least ``share``; "all" warps all candidates at full size.
+        references: "auto" warps all candidates on a coarse grid first, and at full size only the best of those that
+            show at least ``share``; "all" warps all candidates at full size.
         depth: "auto" uses depth unless it does not fit the renders; "all" uses it unchecked; "none" never uses it.
         tiles: "auto" passes plain background through; "all" enhances every pixel.
-        share: of a target's covered pixels that a reference must see at least, in [0, 1].
-        tolerance: colour difference up to which a pixel counts as background, in [0, 1].
-        margin: width in pixels of the border around an enhanced region that the network sees as well; a multiple of 8.
-        small: number of pixels up to which a view's candidates are all warped at full size, since the coarse grid would
-            take as long. It has no effect where background is passed through.
+        share: smallest share of a target's covered pixels that a reference must show, in [0, 1].
+        tolerance: largest colour difference from the background at which a pixel counts as background, in [0, 1].
+        margin: width in pixels of the border around an enhanced region that the network also receives; a multiple of 8.
+        small: number of pixels up to which all of a view's candidates are warped at full size, since the coarse grid
+            would take as long. It has no effect if background is passed through.
 
     Raises:
         InputError: a choice is unknown or a number out of range.
@@ -64,7 +64,7 @@ class Rules:
 
 
 AUTO = Rules("auto", "auto", "auto", small=65536)
-"""What the job enhance and the Python API leave out unless they are told otherwise: ``conf/plan/auto.yaml``."""
+"""Default of the job ``enhance`` and of the Python API; the same as ``conf/plan/auto.yaml``."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class ViewPlan:
         size: height and width of the render, in pixels.
         regions: regions that are enhanced; the rest of the render is passed through. None enhances all of it.
         references: names of the references that are warped; None leaves the choice to the reference configuration.
-        left_out: candidates that are left out, with the share of the view that each sees.
+        left_out: candidates that are left out, with the share of the view that each shows.
     """
 
     name: str
@@ -116,7 +116,7 @@ class Plan:
         scene: its name.
         rules: what may be left out.
         parts: parts of the input, for the whole scene.
-        views: the views that are planned so far.
+        views: plans of the views so far.
     """
 
     scene: str
@@ -131,7 +131,7 @@ class Plan:
         return sum(view.passed_share * view.size[0] * view.size[1] for view in self.views) / max(1, total)
 
     def table(self) -> str:
-        """The plan as text: one line a part, then what the views leave out."""
+        """The plan as text: one line for each part, then a summary of the views."""
         lines = [(part.name, "yes" if part.used else "no", part.why) for part in self.parts]
         if self.views:
             if self.rules.references == "auto":
@@ -152,7 +152,7 @@ class Plan:
         return text + (f", {few} of them because they see less than {self.rules.share:.0%}" if few else "")
 
     def to_file(self, path: Path) -> None:
-        """Write the plan as JSON, whole or not at all.
+        """Write the plan as JSON, atomically.
 
         Raises:
             InputError: the file cannot be written.

@@ -30,7 +30,7 @@ class Planner:
         reference_config: how references are chosen and aligned, as far as the input allows.
         rendered: the set that is enhanced.
         existing_plans: plans of views that were made before.
-        pool: the set's references, where some are in memory already.
+        pool: the set's references, some of which may be in memory; None creates a pool.
     """
 
     def __init__(
@@ -48,11 +48,11 @@ class Planner:
         self._coarse_references: dict[int, LoadedView] = {}
 
     def __call__(self, view: RenderedView, target: LoadedView) -> ViewPlan:
-        """The plan of a view; it is made once.
+        """The plan of a view, which is made once.
 
         Args:
             view: the target.
-            target: its pixels.
+            target: pixels of the target.
         """
         if view.name not in self.known:
             self.known[view.name] = self._make_plan(view, target)
@@ -83,13 +83,13 @@ class Planner:
         return plan if needed is None else replace(plan, regions=self._regions(needed, aligned, height, width))
 
     def _coarse_reference(self, index: int) -> LoadedView:
-        """A reference on a coarse grid, which stays in memory."""
+        """A reference on the coarse grid, kept in memory."""
         if index not in self._coarse_references:
             self._coarse_references[index] = coarsen(self.pool.read(index, self.reference_config.fine))
         return self._coarse_references[index]
 
     def _with_references(self, plan: ViewPlan, shares: dict[str, float]) -> ViewPlan:
-        """The plan with the best candidates that see enough."""
+        """The plan with the best of the candidates that show enough of the target."""
         sufficient = [name for name, share in shares.items() if share >= self.rules.share]
         used = tuple(sufficient[: self.reference_config.references])
         left_out = {name: round(share, 4) for name, share in shares.items() if name not in used}
@@ -98,7 +98,7 @@ class Planner:
     def _regions(
         self, needed: Bool[Tensor, "i j"], aligned: AlignedReferences | None, height: int, width: int
     ) -> tuple[Region, ...] | None:
-        """The regions that are enhanced; None where they are nearly all of the image."""
+        """The regions to enhance; None if they cost nearly as much as the whole image."""
         if aligned is not None:
             needed = needed | self._contradicted_background(aligned, *needed.shape)
         regions = cover_with_regions(needed, height, width, self.rules.margin)

@@ -24,8 +24,8 @@ def validation_reads(
     Args:
         inputs: the validated input.
         keep_photos: whether the targets' own photos are read as well.
-        planner: plans each target; None where nothing may be left out.
-        rendering: render and plan targets of a splat at once.
+        planner: plans each target; None if nothing may be left out.
+        rendering: also render and plan the targets of a splat.
 
     Returns:
         Functions without arguments; each raises `InputError` where a file is damaged.

@@ -17,12 +17,12 @@ class Preset:
 
     Args:
         name: "curve/setting".
-        weights: name of the package's weights.
+        weights: name of shipped weights.
         enhance: overrides of the job ``enhance``.
         milliseconds: median time per megapixel of output.
-        psnr: mean over validation views, dB.
-        machine: the machine on which it was measured.
-        commit: of the code that was measured.
+        psnr: mean PSNR over validation views in dB.
+        machine: the machine of the measurement.
+        commit: commit of the measured code.
     """
 
     name: str
@@ -78,7 +78,7 @@ def choose_preset(presets: Sequence[Preset], budget: float, megapixels: float, s
     Args:
         presets: at least one, the fastest first.
         budget: milliseconds per image.
-        megapixels: of the image.
+        megapixels: size of the image.
         speed: time on this machine divided by the recorded time; above 1 where this machine is slower.
 
     Returns:

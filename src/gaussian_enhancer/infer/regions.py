@@ -1,4 +1,4 @@
-"""Regions of an image: finding the parts that need work, and cropping a view to one.
+"""Regions of an image: finding the blocks to enhance, covering them with rectangles, and cropping a view.
 
 Axes: h height, w width, i = ceil(h / BLOCK), j = ceil(w / BLOCK) blocks.
 """
@@ -36,15 +36,15 @@ def background_blocks(
 
 
 def cover_with_regions(needed: Bool[Tensor, "i j"], height: int, width: int, margin: int) -> tuple[Region, ...]:
-    """Cover all blocks that need work by rectangles.
+    """Cover all needed blocks with rectangles.
 
     A recursive X-Y cut (Nagy and Seth, ICPR 1984): a rectangle is cut at rows or columns that contain no needed block,
     if the parts with their margins have less than four fifths of the area of the whole with its margin.
 
     Args:
-        needed: blocks that need work.
-        height: of the image, in pixels.
-        width: of the image, in pixels.
+        needed: blocks that must be covered.
+        height: height of the image in pixels.
+        width: width of the image in pixels.
         margin: width in pixels of the border around a region that is computed with it.
     """
 
@@ -81,8 +81,8 @@ def cut_pixels(target: LoadedView, region: Region) -> LoadedView:
     """Crop a target and its camera to a region.
 
     Args:
-        target: render, with depth and opacity of the same size where they are known.
-        region: the part that is kept.
+        target: render, with depth and opacity of the same size if they are known.
+        region: the region in pixels of the render.
     """
     return replace(
         target,

@@ -21,8 +21,8 @@ class PreviousChange:
     """The change of the frame before.
 
     Args:
-        change: what was added to that frame's render.
-        target: that frame, with camera and depth.
+        change: smoothed change that was added to that frame's render.
+        target: that frame's render, with camera and depth.
     """
 
     change: Float[Tensor, "3 h w"]

@@ -1,6 +1,6 @@
 """Enhancing large images in overlapping tiles, so that memory does not grow with the image.
 
-Axes: b batch, h height, w width, H, W the same times the network's scale.
+Axes: b batch, h height, w width, H = scale h, W = scale w, n pixels of a tile along an axis.
 """
 
 from collections.abc import Callable, Iterator
@@ -37,7 +37,7 @@ def enhance_tiled(
         halo: pixels on each inner side that are computed and discarded, a multiple of stride.
         blend: pixels over which neighbours fade into each other, a multiple of stride.
         stride: tiles start at multiples of this, as the network's own grid does.
-        scale: how many times finer the enhanced image is than the render.
+        scale: resolution of the enhanced image relative to the render's.
 
     Raises:
         InputError: the tile leaves no room within its halo, or sides are no multiples of the stride.

@@ -27,7 +27,7 @@ from gaussian_enhancer.scene.rendered import RenderedSet
 PRESETS = SHIPPED_FOLDER / "settings.json"
 
 BUDGET_KEYS = ("weights", "max_references", "precision", "tile")
-"""What a budget decides and therefore cannot be given beside it."""
+"""Options that a budget sets, and that therefore cannot be given together with it."""
 
 
 def apply_budget(
@@ -40,13 +40,12 @@ def apply_budget(
 
     Args:
         cfg: configuration of the job ``enhance``.
-        prepare: makes a `SetEnhancer`, the job's input and more from a configuration.
+        prepare: returns a `SetEnhancer`, the job's input and further values for a configuration and a device.
         device: where the network runs.
         console: where the choice and its reason are printed.
 
     Raises:
-        InputError: no preset keeps within the budget, none was measured, or an option that the budget decides was given
-            as well.
+        InputError: no preset keeps within the budget, none was measured, or one of `BUDGET_KEYS` was given as well.
     """
     if cfg.get("budget_ms") is None:
         return cfg
@@ -67,8 +66,8 @@ def time_first_view(enhancer: SetEnhancer, rendered: RenderedSet) -> tuple[float
     """Time the first view: the median of three runs after a warm-up.
 
     Args:
-        enhancer: of the fastest preset.
-        rendered: what the job enhances.
+        enhancer: enhancer with the fastest preset.
+        rendered: the set that the job enhances.
 
     Returns:
         Milliseconds, and the megapixels of the enhanced image.
@@ -96,7 +95,7 @@ def _apply_preset(cfg: DictConfig, preset: Preset) -> DictConfig:
 
 
 def _refuse_overridden(cfg: DictConfig) -> None:
-    """Refuse options that the budget decides, where the user named one or gave another value than the default."""
+    """Refuse options that the budget sets, if the user named one or gave another value than the default."""
     defaults = compose("enhance")
     overrides = HydraConfig.get().overrides.task if HydraConfig.initialized() else ()
     named = {override.split("=")[0].lstrip("+") for override in overrides}

@@ -16,12 +16,12 @@ from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import usable_depth
 
 DEPTH_FACTORS = (0.1, 0.5, 2.0, 10.0)
-"""Factors: a depth is doubted where the depth times one of them agrees clearly better with the renders."""
+"""Factors by which depth is multiplied to test its scale."""
 BETTER_RATIO = 0.9
-"""A depth is doubted where another one's disagreement is below this share of its own.
+"""Depth is refused if the colour difference through another depth is below this ratio of its own.
 
-Of six training fits of all families and methods, the plane's is 1.15 to 2.1 times that through the splat's depth and
-0.70 to 0.89 times that through inverse depth.
+For six training fits of all families and methods, the difference through a plane is 1.15 to 2.1 times that through the
+splat's depth, and 0.70 to 0.89 times that through inverse depth.
 """
 
 
@@ -30,11 +30,12 @@ class ValidatedInputs:
     """The part of a scene's input that can be used.
 
     Args:
-        rendered: the set without what cannot be used.
+        rendered: the set without the parts that cannot be used.
         reference_config: how references are chosen and aligned, as far as the input allows.
         parts: which parts are used, and why others are not.
         pool: the set's references; those that were read for validation are in memory.
-        unreached: names of the targets that no reference can be warped to, while others have references.
+        unreached: names of the targets to which no reference can be warped, if there are other targets to which
+            references can be warped.
     """
 
     rendered: RenderedSet
@@ -44,7 +45,7 @@ class ValidatedInputs:
     unreached: tuple[str, ...] = ()
 
     def planner(self, rules: Rules, existing_plans: Iterable[ViewPlan] = ()) -> Planner | None:
-        """The planner of the views; None where nothing may be left out and every view can have references.
+        """The planner of the views; None if nothing may be left out and every view can have references.
 
         Args:
             rules: what may be left out.
@@ -56,7 +57,7 @@ class ValidatedInputs:
 
     @property
     def missing_references(self) -> tuple[str, ...]:
-        """Reasons why references or their fine photos are not used although the weights ask for them."""
+        """Reasons why references or their fine photos are not used although the weights require them."""
         return tuple(part.why for part in self.parts if not part.used and part.name in ("references", "fine photos"))
 
 
@@ -68,19 +69,19 @@ def validate_inputs(
     pool: ReferencePool | None = None,
     origins: Mapping[str, str] = {},
 ) -> ValidatedInputs:
-    """Leave out of the input what cannot be used.
+    """Remove the parts of the input that cannot be used.
 
     Args:
         rendered: targets and references.
         reference_config: how references were chosen and aligned in training.
         rules: with ``depth`` "auto", depth that does not fit the renders is left out. With ``references`` "auto",
-            references without a camera are left out where others have one.
-        scale: how many times finer the enhanced images are than the renders.
-        pool: the set's references, where some are in memory already.
-        origins: where "cameras" and "depth" come from that were not given, or why there are none.
+            references without a camera are left out if others have one.
+        scale: resolution of the enhanced images relative to the renders'.
+        pool: the set's references, some of which may be in memory; None creates a pool.
+        origins: sources of "cameras" and "depth" that the user did not give, or the reasons why there are none.
 
     Raises:
-        InputError: there is no photo to refer to where references are asked for.
+        InputError: references are required, but the set has no photo.
     """
     if reference_config.references and not rendered.references:
         remedy = "add scene=capture scene.path=FOLDER, or max_references=0 to enhance from the renders only"
@@ -111,15 +112,15 @@ def validate_inputs(
 
 
 def depth_mismatch_reason(pool: ReferencePool, reference_config: ReferenceConfig, views: Sequence[RenderedView]) -> str:
-    """Reason why depth does not fit the renders; empty where it does, or where that cannot be judged.
+    """Reason why depth does not fit the renders; empty if it fits, or if this cannot be tested.
 
     The renders of the two nearest references are warped to each view on a coarse grid: through the depth, through the
-    depth times each of `DEPTH_FACTORS`, and through a plane at its median. Where one of the others agrees clearly
+    depth times each of `DEPTH_FACTORS`, and through a plane at its median. If one of the alternatives agrees clearly
     better with the render in every view, the depth has another scale, or is another quantity such as inverse depth.
 
     Args:
         pool: the references.
-        reference_config: how they are warped.
+        reference_config: how references are warped.
         views: targets with cameras and depth.
     """
     better, warp = "", reference_config.warp
@@ -144,13 +145,13 @@ def depth_mismatch_reason(pool: ReferencePool, reference_config: ReferenceConfig
             for name, z in alternatives.items()
         )
         if best[0] >= BETTER_RATIO * disagreement:
-            return ""  # one view that it fits is enough, and the others need not be looked at
+            return ""  # one view that the depth fits is enough
         better = better or best[1]
     return f"the depth is none of what the renders show ({better} fits better)" if better else ""
 
 
 def _colour_disagreement(warp: Reprojected, target: LoadedView, references: Sequence[LoadedView]) -> float:
-    """Mean colour difference of warped references to the render; infinite where they see less than a tenth of it."""
+    """Mean colour difference of warped references to the render; infinite if they show less than a tenth of it."""
     # Renders already have the target's exposure, so that colours are only matched where photos stand in for them.
     match_colour = warp.match_colour and any(reference.render is None for reference in references)
     fixed_depth_warp = replace(warp, depth="exact", photo_consistency=None, match_colour=match_colour)
@@ -163,7 +164,7 @@ def _colour_disagreement(warp: Reprojected, target: LoadedView, references: Sequ
 
 
 def _with_cameras(rendered: RenderedSet) -> tuple[RenderedSet, list[str]]:
-    """The set without references that have no camera where others have one, and their names."""
+    """The set without the references that lack a camera, if others have one, and the names of those left out."""
     posed = tuple(view for view in rendered.references if view.camera is not None)
     if not posed or len(posed) == len(rendered.references):
         return rendered, []
@@ -183,7 +184,7 @@ def _camera_part(rendered: RenderedSet, origin: str) -> PlanItem:
 def _depth_part(
     rendered: RenderedSet, reference_config: ReferenceConfig, rules: Rules, pool: ReferencePool, origin: str
 ) -> tuple[RenderedSet, PlanItem]:
-    """The set without depth where depth is not used, and the plan's part on depth."""
+    """The set, without depth if depth is not used, and the plan's item on depth."""
     kind = reference_config.warp.depth if isinstance(reference_config.warp, Reprojected) else "as given"
     with_depth = [view for view in rendered.targets if view.read_depth is not None]
     if not with_depth:
@@ -200,7 +201,7 @@ def _depth_part(
 
 
 def _reference_part(rendered: RenderedSet, reference_config: ReferenceConfig) -> tuple[ReferenceConfig, PlanItem]:
-    """The reference configuration, without references where they cannot be warped, and the plan's part on them."""
+    """The reference configuration, without references if none can be warped, and the plan's item on references."""
     text = f"{len(rendered.references)} photos, at most {reference_config.references} a view"
     if not isinstance(reference_config.warp, Reprojected):
         return reference_config, PlanItem("references", True, text)

@@ -1,7 +1,7 @@
 """Weights on disk: safetensors in half precision, with the design as plain values and nothing that names code.
 
-The file's metadata holds JSON under ``design`` (what the network is built from), ``preparation`` (how references
-are brought to it) and ``card`` (where the weights come from). Kinds of parts are looked up in closed tables.
+The file's metadata holds JSON under ``design`` (the parameters of the network), ``reference_config`` (how references
+are chosen and aligned) and ``card`` (where the weights come from). Kinds of stages are looked up in closed tables.
 """
 
 import dataclasses
@@ -48,11 +48,11 @@ STAGES: dict[str, tuple[type[Any], ...]] = {
 PARTS = ("first", "second")
 """Parameters of a network that are networks."""
 MAX_LIST_LENGTH = 6
-"""Entries of a list in a design."""
+"""Largest number of entries of a list in a design."""
 LONGEST_WORD = 64
-"""Letters of a word in a design."""
+"""Largest number of characters of a text in a design."""
 CONFIDENCE_PREFIX = "confidence."
-"""What the names of a change confidence's values begin with, beside the network's own."""
+"""Prefix of the names of a change confidence's tensors; the network's tensors have none."""
 KINDS: dict[str, type[Any]] = {kind.__name__: kind for kinds in (*STAGES.values(), WARPS) for kind in kinds}
 
 
@@ -64,10 +64,10 @@ class Pretrained:
     """What a weights file holds.
 
     Args:
-        network: in evaluation mode, single precision, on the CPU.
-        reference_config: how references were brought to it in training.
+        network: the network in evaluation mode, single precision, on the CPU.
+        reference_config: how references were chosen and aligned in training.
         card: where the weights come from.
-        confidence: how much of the network's change to apply where; None where none was trained for these weights.
+        confidence: predicts the shares of the network's change to apply; None if none was trained for these weights.
     """
 
     network: Network
@@ -77,12 +77,12 @@ class Pretrained:
 
     @property
     def strength(self) -> float:
-        """The share of the network's change that the card found best on validation runs; 1 where it states none.
+        """The share of the network's change that was best on validation runs, as the card states it; 1 by default.
 
         It is for use without `confidence`, which was trained on the whole change.
 
         Raises:
-            InputError: it states something that is no number.
+            InputError: the card states something that is no number.
         """
         value = self.card.get("strength", 1.0)
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -98,14 +98,14 @@ def save_weights(
     card: Mapping[str, Any],
     confidence: ChangeConfidence | None = None,
 ) -> None:
-    """Write weights, whole or not at all, in half precision.
+    """Write weights atomically, in half precision.
 
     Args:
         path: file to write, ending in .safetensors.
-        network: what was trained.
-        reference_config: how its references were prepared.
-        card: plain values that say where the weights come from.
-        confidence: how much of the network's change to apply where, if that was trained.
+        network: the trained network.
+        reference_config: how references were chosen and aligned in training.
+        card: plain values that state where the weights come from.
+        confidence: the trained change confidence, if there is one.
 
     Raises:
         InputError: the disk is full or the folder cannot be written.
@@ -127,7 +127,7 @@ def load_weights(source: str | Path) -> Pretrained:
     """Read weights.
 
     Args:
-        source: a .safetensors file, or the name of weights in the package.
+        source: a .safetensors file, or the name of shipped weights.
 
     Raises:
         InputError: there is no such file or name, or it is truncated, of another format or of another design.
@@ -158,7 +158,7 @@ def _confidence(tensors: Mapping[str, Tensor], design: Mapping[str, Any], path: 
 
 
 def design_of(network: Network) -> dict[str, Any]:
-    """The plain values that a network is built from."""
+    """The plain values that describe a network, from which `build_design` builds it again."""
     return _plain_design(network.design)
 
 
@@ -172,16 +172,16 @@ def _plain_design(design: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def copy_values(network: Network, source: Network) -> None:
-    """Give a network the values of another one of its design, to train it further.
+    """Copy the parameters of one network to another of the same design, to train it further.
 
-    Parts that the other one lacks and that change nothing before training (`ZERO_INITIALISED`) stay as they are.
+    Modules that the source lacks and that have no effect before training (`ZERO_INITIALISED`) stay unchanged.
 
     Args:
-        network: is changed.
-        source: has the values.
+        network: network that is changed.
+        source: network whose parameters are copied.
 
     Raises:
-        ValueError: the designs differ otherwise.
+        ValueError: the designs differ in anything else.
     """
     design, source_design, values = design_of(network), design_of(source), source.state_dict()
     compatible = _without_options(design, ZERO_INITIALISED) == _without_options(source_design, ZERO_INITIALISED)
@@ -202,7 +202,7 @@ def _without_options(design: Mapping[str, Any], names: Collection[str]) -> dict[
 
 
 def build_design(design: Mapping[str, Any]) -> Network:
-    """The network of a design, untrained.
+    """Build the untrained network of a design.
 
     Raises:
         ValueError: a value is out of range or of an unknown kind.
@@ -221,10 +221,10 @@ def build_design(design: Mapping[str, Any]) -> Network:
 def require_saveable(network: Network) -> None:
     """Refuse a network that could be trained and saved but not loaded again, before the training begins.
 
-    The design is written as text, read, and built anew; parameters must have the same names and shapes.
+    The network is rebuilt from its design as JSON; its parameters must have the same names and shapes.
 
     Raises:
-        InputError: they have not, or the design cannot be written or read.
+        InputError: they differ, or the network cannot be rebuilt.
     """
     name = type(network).__name__
     try:
@@ -240,7 +240,7 @@ def require_saveable(network: Network) -> None:
 
 
 def _value(name: str, value: Any, annotation: Any) -> Any:
-    """A parameter of a network from its plain value, which must be of the parameter's annotated type."""
+    """Convert a plain value to a parameter of a network, which must have the parameter's annotated type."""
     if name in PARTS:
         if "first" in value or "second" in value:
             raise ValueError(f"{name} is made of several networks itself")
@@ -269,15 +269,15 @@ def _scalar(name: str, value: Any, annotation: Any) -> bool | int | float | str:
 
 
 def reference_config_of(reference_config: ReferenceConfig) -> dict[str, Any]:
-    """The plain values of a reference_config."""
+    """The plain values of a reference configuration."""
     counts = {"references": reference_config.references, "candidates": reference_config.candidates}
-    # Only where they say something: samples and weights from before they were there keep their names.
+    # The default is left out, so that samples and weights from before this field keep their names.
     fine = {"fine": True} if reference_config.fine else {}
     return {"warp": _plain_values(reference_config.warp), **counts, **fine}
 
 
 def build_reference_config(values: Mapping[str, Any]) -> ReferenceConfig:
-    """The preparation of plain values.
+    """The reference configuration of plain values.
 
     Raises:
         ValueError: a value is out of range or of an unknown kind.
@@ -297,7 +297,7 @@ def _plain_values(part: Any) -> dict[str, Any]:
 
 
 def _part(values: Mapping[str, Any], kinds: tuple[type[Any], ...]) -> Any:
-    """A part from its kind, one of a closed set, and plain values."""
+    """Build an object of one of the given kinds from its plain values, which include the name of the kind."""
     values = dict(values)
     kind = KINDS.get(values.pop("kind"))
     if kind not in kinds or kind is None:
