@@ -20,7 +20,7 @@ _N = TypeVar("_N", bound=nn.Module)
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "weights"
 DTYPES = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
 MEMORY_GROWTH = 6
-"""Most memory that a file's values take, as a multiple of its size: as stored, twice in fp32, and in the network."""
+"""Most memory that loading takes, as a multiple of the file's size: as stored, in float32, and in the network."""
 REMEDY = "get the weights again, or train them with this version"
 
 
@@ -121,11 +121,10 @@ def _blocks(design: Any) -> int:
     """Number of blocks in a design. Each block has at least one tensor of its own."""
     if not isinstance(design, Mapping):
         return 0
-    counts = [value for name, value in design.items() if name.endswith("blocks")]
-    block_counts = [
-        count for value in counts for count in (value if isinstance(value, list) else [value]) if isinstance(count, int)
-    ]
-    return sum(block_counts) + sum(_blocks(value) for value in design.values())
+    values = [value for name, value in design.items() if name.endswith("blocks")]
+    counts = [count for value in values for count in (value if isinstance(value, list) else [value])]
+    nested = sum(_blocks(value) for value in design.values())
+    return nested + sum(count for count in counts if isinstance(count, int))
 
 
 def _check_tensors(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:

@@ -43,20 +43,20 @@ FILE_ERRORS = (
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 
-def refuse_larger(subject: object, allocated: int | float, what: str) -> None:
+def refuse_larger(subject: object, allocated: int | float, cause: str) -> None:
     """Refuse to read a file that would take more memory than the limit.
 
     Args:
         subject: the file, named in the error.
         allocated: the most memory that reading will allocate, in bytes.
-        what: the property of the file that causes it, as the error states it ("is an image of 9x9 pixels").
+        cause: the property of the file that requires so much, as the error states it ("is an image of 9x9 pixels").
 
     Raises:
         InputError: ``allocated`` exceeds the limit, or the environment variable holds no positive number.
     """
     limit = _limit()
     if allocated > limit:
-        received = f"{what}, which takes up to {allocated / 1e9:.1f} GB to read (the limit is {limit / 1e9:g} GB)"
+        received = f"{cause}, which takes up to {allocated / 1e9:.1f} GB to read (the limit is {limit / 1e9:g} GB)"
         raise InputError(subject, received, f"get the file anew, or set {VARIABLE} to more GB if you trust it")
 
 

@@ -34,9 +34,8 @@ def read_ply_elements(path: str | Path, element_names: tuple[str, ...], remedy: 
     try:
         ply = PlyData.read(str(path), mmap="c")
     except (PlyParseError, ValueError, KeyError, TypeError, OverflowError) as error:
-        raise InputError(
-            path, f"is no readable .ply of {size} bytes ({error})", f"{remedy}, or copy it again"
-        ) from None
+        received = f"is no readable .ply of {size} bytes ({error})"
+        raise InputError(path, received, f"{remedy}, or copy it again") from None
     elements = {element.name: element for element in ply.elements if element.name in element_names}
     for name, element in elements.items():
         if element.data.dtype.hasobject:
@@ -49,8 +48,7 @@ def _check_header(path: str | Path, size: int, remedy: str) -> None:
     with open(path, "rb") as file:
         head = file.read(LONGEST_HEADER)
     text, _, _ = head.partition(b"end_header")
-    least_bytes = allocated = 0
-    count = 0
+    min_bytes = allocated = count = 0
     ascii_file = b"format ascii" in text
     for line in text.decode("latin-1").splitlines():
         words = line.split()
@@ -58,9 +56,9 @@ def _check_header(path: str | Path, size: int, remedy: str) -> None:
             count = _count(path, words, remedy)
         elif len(words) >= 3 and words[0] == "property":
             width = _width(words[1])
-            least_bytes += count * (2 if ascii_file else width)
+            min_bytes += count * (2 if ascii_file else width)
             allocated += count * max(width, 4) * GROWTH
-        if count > size or least_bytes > size + 1:  # the last line's end may be missing
+        if count > size or min_bytes > size + 1:  # the last line's end may be missing
             received = f"is no readable .ply of {size} bytes (it announces {count} rows, which take more)"
             raise InputError(path, received, f"{remedy}, or copy it again")
     refuse_larger(path, allocated, f"announces {count} rows")

@@ -100,9 +100,8 @@ def to_input_error(error: ValidationError, subject: str, kind: Any = None) -> In
     """
     errors = error.errors(include_url=False)
     place = list(_place(errors[0]))
-    union_errors = [
-        entry for entry in errors if repr(entry["input"]) == repr(errors[0]["input"])
-    ]  # the members of a union
+    # Each member of a union reports its own error for the same value.
+    union_errors = [entry for entry in errors if repr(entry["input"]) == repr(errors[0]["input"])]
     rules = list(dict.fromkeys(map(_rule, union_errors)))
     if {"a number", "a finite number"} & set(rules):
         rules = [rule for rule in rules if rule != "a whole number"]

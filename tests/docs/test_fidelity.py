@@ -30,7 +30,7 @@ def test_what_the_page_refers_to_exists(path: str, name: str) -> None:
 def test_every_network_and_variant_of_the_paper_is_named_or_built_by_what_is() -> None:
     text = PAGE.read_text(encoding="utf-8")
     for file in (ROOT / "src/gaussian_enhancer/network/paper").glob("*.py"):
-        for name in defined(file) - {"zero_initialise", "adjacent_features", "halved_visibility"}:
+        for name in defined(file) - {"adjacent_features", "halved_visibility"}:
             assert f"::{name}`" in text, name
 
 

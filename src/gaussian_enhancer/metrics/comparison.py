@@ -87,12 +87,12 @@ def pair_records(
         if record.kind != "quality" or record.variant not in by_variant:
             continue
         if key in by_variant[record.variant]:
-            raise InputError(_named_row(key), f"was measured twice as {record.variant!r}", "give one record of each")
+            raise InputError(_view_name(key), f"was measured twice as {record.variant!r}", "give one record of each")
         by_variant[record.variant][key] = record
     unpaired = sorted(set(by_variant[baseline]) ^ set(by_variant[variant]))
     if unpaired:
         has, lacks = (baseline, variant) if unpaired[0] in by_variant[baseline] else (variant, baseline)
-        raise InputError(_named_row(unpaired[0]), f"was measured as {has!r} but not as {lacks!r}", "measure both")
+        raise InputError(_view_name(unpaired[0]), f"was measured as {has!r} but not as {lacks!r}", "measure both")
     if not by_variant[baseline]:
         raise InputError("records", f"hold no view measured as {baseline!r} and {variant!r}", "measure both first")
     return tuple(
@@ -102,19 +102,19 @@ def pair_records(
 
 def metrics_of(pairs: Sequence[VariantPair]) -> tuple[str, ...]:
     """The metrics of the records: first those in `HIGHER_IS_BETTER`, in its order, then the others by name."""
-    return _in_order({name for pair in pairs for name in (*pair.baseline.metrics, *pair.variant.metrics)})
+    return _ordered_metrics({name for pair in pairs for name in (*pair.baseline.metrics, *pair.variant.metrics)})
 
 
 def compare(pairs: Sequence[VariantPair], metric: str) -> Comparison:
     """Mean gain, deviation and worst view of one metric; views without a finite gain are listed with their reasons."""
-    gains = {i: gain for i, pair in enumerate(pairs) if math.isfinite(gain := _known_values(pair.gain(metric)))}
+    gains = {i: gain for i, pair in enumerate(pairs) if math.isfinite(gain := _nan_if_missing(pair.gain(metric)))}
     values = list(gains.values())
     better = HIGHER_IS_BETTER.get(metric)
     worst = min(gains, key=lambda i: gains[i] if better else -gains[i]) if gains and better is not None else None
     return Comparison(
         metric=metric,
-        baseline=_mean([_known_values(pairs[i].baseline.metrics[metric]) for i in gains]),
-        variant=_mean([_known_values(pairs[i].variant.metrics[metric]) for i in gains]),
+        baseline=_mean([_nan_if_missing(pairs[i].baseline.metrics[metric]) for i in gains]),
+        variant=_mean([_nan_if_missing(pairs[i].variant.metrics[metric]) for i in gains]),
         gain=_mean(values),
         deviation=statistics.stdev(values) if len(values) > 1 else math.nan,
         count=len(values),
@@ -134,11 +134,8 @@ def gain_table(pairs: Sequence[VariantPair]) -> Table:
         for metric in metrics_of(members):
             comparison = compare(members, metric)
             numbers = (comparison.baseline, comparison.variant, comparison.gain, comparison.deviation)
-            worst = (
-                f"{comparison.worst} ({format_value(metric, comparison.worst_gain, signed=True)})"
-                if comparison.worst
-                else ""
-            )
+            worst_gain = format_value(metric, comparison.worst_gain, signed=True)
+            worst = f"{comparison.worst} ({worst_gain})" if comparison.worst else ""
             cells = [format_value(metric, value, signed=i == 2) for i, value in enumerate(numbers)]
             note = "; ".join(sorted(set(comparison.left_out.values())))
             rows.append((scene, splat, metric, *cells, f"{comparison.count} of {len(members)}", worst, note))
@@ -153,26 +150,22 @@ def mean_table(records: Sequence[Record]) -> Table:
         groups.setdefault((record.scene, record.splat, record.variant), []).append(record)
     rows = []
     for key, members in groups.items():
-        for metric in _in_order({name for record in members for name in record.metrics}):
-            values = [_known_values(record.metrics.get(metric)) for record in members]
+        for metric in _ordered_metrics({name for record in members for name in record.metrics}):
+            values = [_nan_if_missing(record.metrics.get(metric)) for record in members]
             finite = [value for value in values if math.isfinite(value)]
             deviation = statistics.stdev(finite) if len(finite) > 1 else math.nan
             equal_count = sum(value == math.inf for value in values)
             notes = {record.reasons.get(metric, "") for record in members} - {""}
             notes |= {f"{equal_count} equal to the photo"} if equal_count else set()
             note = "; ".join(sorted(notes))
-            cells = (
-                format_value(metric, _mean(finite)),
-                format_value(metric, deviation),
-                f"{len(finite)} of {len(members)}",
-            )
-            rows.append((*key, metric, *cells, note))
+            cells = format_value(metric, _mean(finite)), format_value(metric, deviation)
+            rows.append((*key, metric, *cells, f"{len(finite)} of {len(members)}", note))
     return Table(("scene", "splat", "variant", "metric", "mean", "sd", "n", "left out"), tuple(rows))
 
 
 def record_table(records: Sequence[Record]) -> Table:
     """One row per record, one column per metric."""
-    names = _in_order({name for record in records for name in record.metrics})
+    names = _ordered_metrics({name for record in records for name in record.metrics})
     rows = [
         (r.scene, r.splat, r.variant, r.view, *(format_value(name, r.metrics.get(name)) for name in names))
         for r in records
@@ -188,11 +181,8 @@ def view_table(pairs: Sequence[VariantPair]) -> Table:
         cells: list[str] = []
         for name in names:
             before, after = pair.baseline.metrics.get(name), pair.variant.metrics.get(name)
-            cells += [
-                format_value(name, before),
-                format_value(name, after),
-                format_value(name, pair.gain(name), signed=True),
-            ]
+            gain = format_value(name, pair.gain(name), signed=True)
+            cells += [format_value(name, before), format_value(name, after), gain]
         rows.append((pair.baseline.scene, pair.baseline.splat, pair.baseline.view, *cells))
     metric_columns = [column for name in names for column in (f"{name} baseline", f"{name} variant", f"{name} gain")]
     return Table(("scene", "splat", "view", *metric_columns), tuple(rows))
@@ -206,12 +196,12 @@ def format_value(metric: str, value: float | None, signed: bool = False) -> str:
     return f"{value:+.{digits}f}" if signed else f"{value:.{digits}f}"
 
 
-def _in_order(names: set[str]) -> tuple[str, ...]:
+def _ordered_metrics(names: set[str]) -> tuple[str, ...]:
     ordered = [name for name in HIGHER_IS_BETTER if name in names]
     return (*ordered, *sorted(names.difference(ordered)))
 
 
-def _known_values(value: float | None) -> float:
+def _nan_if_missing(value: float | None) -> float:
     return math.nan if value is None else value
 
 
@@ -224,5 +214,5 @@ def _reason(pair: VariantPair, metric: str) -> str:
     return next((reason for reason in reasons if reason), "equal to the photo, or not measured on both")
 
 
-def _named_row(key: View) -> str:
+def _view_name(key: View) -> str:
     return " / ".join(part for part in key if part)

@@ -15,7 +15,8 @@ import torch
 from gaussian_enhancer import memory
 
 Call = Callable[[], object]
-RESET_SLACK = 16 * 2**20  # bytes by which a just reset high-water mark may exceed the resident memory
+RESET_SLACK = 16 * 2**20
+"""Bytes by which a high-water mark that was just reset may exceed the resident memory."""
 
 
 @dataclass(frozen=True)
@@ -114,18 +115,18 @@ def peak_memory(call: Call, device: torch.device | str = "cpu") -> int:
     if _reset_high_water_mark():
         call()
         return _resident("VmHWM")
-    return _watched_peak(call)
+    return _polled_peak(call)
 
 
 def _time_once(call: Call, device: torch.device) -> float:
-    _wait(device)
+    _synchronise(device)
     start = time.perf_counter()
     call()
-    _wait(device)
+    _synchronise(device)
     return (time.perf_counter() - start) * 1e3
 
 
-def _wait(device: torch.device) -> None:
+def _synchronise(device: torch.device) -> None:
     if device.type == "cuda":
         torch.cuda.synchronize(device)
 
@@ -148,7 +149,7 @@ def _resident(field: str) -> int:
     return int(line.split()[1]) * 1024
 
 
-def _watched_peak(call: Call) -> int:
+def _polled_peak(call: Call) -> int:
     """Peak resident memory while a computation runs, polled by a thread."""
     process = psutil.Process()
     highest = process.memory_info().rss

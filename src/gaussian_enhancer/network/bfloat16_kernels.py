@@ -307,7 +307,7 @@ def _shrink_row(upper, lower, upper_weight, lower_weight, share, result):
 def compose(decoded, render, photos, renders, visibility, trust, has_renders, result):
     """Write render + confidence x residual + sum_i trust_i (g (photo_i - render) + k (photo_i - render_i)).
 
-    decoded is bfloat16 (6, h, w), trust (r, i, j); the others are float32. renders are only read if drawn > 0.
+    decoded is bfloat16 (6, h, w), trust (r, i, j); the others are float32. renders are only read if has_renders > 0.
     """
     count, _, height, width = photos.shape
     for y in prange(height):

@@ -1,4 +1,4 @@
-"""The residual block of which all networks of this package are built.
+"""The residual block of the networks.
 
 Axes: b batch, c channels, h height, w width (of the features).
 """
@@ -15,8 +15,8 @@ class Block(nn.Module):
 
     x + s * conv(relu(conv(x))), with s per channel, small at initialisation so that a deep stack starts near the
     identity (as the scales of NAFNet, Chen et al., ECCV 2022). No operation depends on the whole image, so that tiles
-    give the same result as the whole image. Among layers with as many parameters, CPUs run plain 3x3
-    convolutions fastest in bf16.
+    give the same result as the whole image. Of layers with equally many parameters, plain 3x3 convolutions are the
+    fastest in bfloat16 on CPUs.
 
     Args:
         channels: number of input and output channels.

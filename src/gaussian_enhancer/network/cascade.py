@@ -29,7 +29,7 @@ class Cascade(Network):
             (`clamp_to_references`); 0 sets no limit, which is required if references are not warped.
 
     Raises:
-        InputError: the networks have other scales, or the window has no centre.
+        InputError: the networks' scales are not 1 and 4, or the window has no centre.
     """
 
     scale = 4

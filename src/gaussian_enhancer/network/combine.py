@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from gaussian_enhancer.network.bfloat16 import can_fuse, empty_features, kernel_lock, kernel_words, plane
 from gaussian_enhancer.network.block import Block
 from gaussian_enhancer.network.fused_convolution import convolution
+from gaussian_enhancer.network.initialisation import zero_initialise
 
 
 @runtime_checkable
@@ -49,8 +50,7 @@ class Combination(nn.Module):
         self.join = nn.Conv2d(12 + coarser * (3 + handed), width, 3, padding=1)
         self.block = Block(width)
         self.head = nn.Conv2d(width, 12 + coarser, 3, padding=1)
-        nn.init.zeros_(self.head.weight)
-        nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
+        zero_initialise(self.head)
 
     def forward(
         self,

@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from gaussian_enhancer.network.bfloat16 import can_fuse, empty_features, kernel_lock, kernel_words
 from gaussian_enhancer.network.block import Block
+from gaussian_enhancer.network.initialisation import zero_initialise
 
 
 class Decoder(nn.Module):
@@ -38,8 +39,7 @@ class Decoder(nn.Module):
         self.grow = nn.ModuleList(nn.Conv2d(coarse, 4 * fine, 1) for fine, coarse, _ in levels)
         self.up = nn.ModuleList(_stack(fine, count) for fine, _, count in levels)
         self.head = nn.Conv2d(widths[0], 4 * outputs, 3, padding=1)
-        nn.init.zeros_(self.head.weight)
-        nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
+        zero_initialise(self.head)
 
     def forward(self, x: Float[Tensor, "b c i j"]) -> Float[Tensor, "b o h w"]:
         """Decode features whose sides are multiples of 2^(levels - 1)."""

@@ -10,6 +10,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from gaussian_enhancer.network.initialisation import zero_initialise
 from gaussian_enhancer.types import single_precision
 
 
@@ -80,8 +81,7 @@ class Deformation(nn.Module):
         self.compare = nn.Conv2d(2 * channels, channels, 4, stride=2, padding=1)
         self.widen = nn.Conv2d(channels, channels, 3, padding=1)
         self.predict = nn.Conv2d(channels, 3 * taps, 3, padding=1)
-        nn.init.zeros_(self.predict.weight)
-        nn.init.zeros_(self.predict.bias)  # type: ignore[arg-type]
+        zero_initialise(self.predict)
         self.narrow = nn.Identity() if width is None else nn.Conv2d(channels, width, 1)
         self.mix = nn.Conv2d(width or channels, channels, kernel, padding=kernel // 2)
         if kernel == 1 and width is None:

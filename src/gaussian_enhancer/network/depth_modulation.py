@@ -15,6 +15,7 @@ from gaussian_enhancer.align.depth_normalisation import depth_unit, normalised_i
 from gaussian_enhancer.network.bfloat16 import can_fuse, empty_features, kernel_lock, kernel_words, plane
 from gaussian_enhancer.network.fused_convolution import convolution
 from gaussian_enhancer.network.halving import halve, pixel_unshuffle
+from gaussian_enhancer.network.initialisation import zero_initialise
 from gaussian_enhancer.types import FARTHEST_DEPTH, usable_depth
 
 
@@ -31,8 +32,7 @@ class DepthModulation(nn.Module):
         self.stem = nn.Conv2d(8, width, 3, padding=1)
         self.widen = nn.Conv2d(width, width, 3, padding=1)
         self.modulate = nn.Conv2d(width, 2 * channels, 1)
-        nn.init.zeros_(self.modulate.weight)
-        nn.init.zeros_(self.modulate.bias)  # type: ignore[arg-type]
+        zero_initialise(self.modulate)
 
     def forward(
         self,

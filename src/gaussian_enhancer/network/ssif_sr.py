@@ -18,6 +18,7 @@ from gaussian_enhancer.network.deform import Unrefined
 from gaussian_enhancer.network.depth_modulation import DepthModulated
 from gaussian_enhancer.network.fuse import Trust
 from gaussian_enhancer.network.halving import halve, pixel_unshuffle
+from gaussian_enhancer.network.initialisation import zero_initialise
 from gaussian_enhancer.network.network import CachesReferences
 from gaussian_enhancer.network.output_head import Gated, Output
 from gaussian_enhancer.network.pyramid import pad_to_stride, upsample_bicubic
@@ -164,8 +165,7 @@ class Middle(nn.Module):
         self.fuse = fusion.build(channels)
         self.blocks = nn.Sequential(*(Block(channels) for _ in range(blocks)))
         self.head = nn.Conv2d(channels, 4 * outputs, 3, padding=1)
-        nn.init.zeros_(self.head.weight)
-        nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
+        zero_initialise(self.head)
 
     def encode(
         self, photos: Float[Tensor, "b r 3 h w"], visibility: Float[Tensor, "b r 1 i j"]
@@ -215,8 +215,7 @@ class Tail(nn.Module):
         self.read = nn.Conv2d(25, channels, 3, padding=1)
         self.blocks = nn.Sequential(*(Block(channels) for _ in range(blocks)))
         self.head = nn.Conv2d(channels, 4 * outputs, 3, padding=1)
-        nn.init.zeros_(self.head.weight)
-        nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
+        zero_initialise(self.head)
 
     def forward(
         self, features: Float[Tensor, "b c p q"], views: NetworkInput, trust: Float[Tensor, "b _ 1 i j"]

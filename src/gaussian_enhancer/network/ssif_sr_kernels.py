@@ -145,7 +145,7 @@ def _divide(values, total):
 @kernel
 @no_type_check
 def pack_merged(base, photo, mask, trust, result):
-    """Write (photo - base) where seen, then base - 1/2, pixel-unshuffled by 2, then trust: (i, j, 25) bfloat16."""
+    """Write (photo - base) x mask, then base - 1/2, pixel-unshuffled by 2, then trust: (i, j, 25) bfloat16."""
     _, height, width = base.shape
     for i in prange(height // 2):
         for j in range(width // 2):

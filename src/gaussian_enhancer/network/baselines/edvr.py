@@ -14,6 +14,7 @@ from torch import Tensor, nn
 
 from gaussian_enhancer.network.block import Block
 from gaussian_enhancer.network.deform import deformable_sample
+from gaussian_enhancer.network.initialisation import zero_initialise
 from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.network.pyramid import pad_to_stride
 from gaussian_enhancer.types import NetworkInput
@@ -69,8 +70,7 @@ class EDVR(Network):
         self.back = nn.Sequential(*(Block(channels) for _ in range(back)))
         self.grow = nn.Conv2d(channels, 4 * half, 3, padding=1)
         self.head = nn.Conv2d(half, 12, 3, padding=1)
-        nn.init.zeros_(self.head.weight)
-        nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
+        zero_initialise(self.head)
 
     def stages(self, views: NetworkInput) -> tuple[Float[Tensor, "b 3 h w"], ...]:
         """The enhanced image, as the only scale."""
@@ -145,8 +145,7 @@ class OffsetStep(nn.Module):
         self.compare = nn.Conv2d(2 * channels, half, 3, padding=1)
         self.inform = nn.Conv2d(2 * half, half, 3, padding=1) if has_coarser else None
         self.predict = nn.Conv2d(half, 3 * 9 * groups, 3, padding=1)
-        nn.init.zeros_(self.predict.weight)
-        nn.init.zeros_(self.predict.bias)  # type: ignore[arg-type]
+        zero_initialise(self.predict)
         self.mix = nn.Conv2d(channels, channels, 3, padding=1)
         self.join = nn.Conv2d(2 * channels, channels, 3, padding=1) if has_coarser else None
 
@@ -178,7 +177,7 @@ class OffsetStep(nn.Module):
 class Attention(nn.Module):
     """EDVR's TSA fusion: weighted mean of the references by similarity to the target, then spatial attention.
 
-    w_i = v_i sigmoid(<e(a_i), e'(t)> / sqrt(c)), news = sum_i w_i a_i / (1 + sum_i w_i), for visibility v, aligned
+    w_i = v_i sigmoid(<e(a_i), e'(t)> / sqrt(c)), mean = sum_i w_i a_i / (1 + sum_i w_i), for visibility v, aligned
     features a and the target's features t. References may have any order and number; one that is not visible has no
     effect.
 
@@ -208,7 +207,7 @@ class Attention(nn.Module):
         Args:
             aligned: features of all references of all targets.
             target: features of the target, repeated for each of its references.
-            visibility: visibility.
+            visibility: visibility of the references at the features' resolution.
             count: number of references of each target.
         """
         similarity = (self.embed_reference(aligned) * self.embed_target(target)).float().sum(1, keepdim=True)

@@ -11,6 +11,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from gaussian_enhancer.network.initialisation import zero_initialise
 from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.network.pyramid import pad_to_stride
 from gaussian_enhancer.types import NetworkInput
@@ -61,8 +62,7 @@ class NAFNet(Network):
         self.grow = nn.ModuleList(nn.Conv2d(coarse, 4 * fine, 1) for fine, coarse in steps)
         self.up = nn.ModuleList(_stack(*level) for level in stacks[:-1])
         self.head = nn.Conv2d(widths[0], 12, 3, padding=1)
-        nn.init.zeros_(self.head.weight)
-        nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
+        zero_initialise(self.head)
 
     def stages(self, views: NetworkInput) -> tuple[Float[Tensor, "b 3 h w"], ...]:
         """The enhanced image, as the only scale."""

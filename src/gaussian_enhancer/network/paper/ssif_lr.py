@@ -11,6 +11,7 @@ from torch import Tensor, nn
 
 from gaussian_enhancer.network.decode import Decoder
 from gaussian_enhancer.network.deform import Deformable
+from gaussian_enhancer.network.initialisation import zero_initialise
 from gaussian_enhancer.network.network import CachesReferences
 from gaussian_enhancer.network.paper.stages import (
     DeformableConv,
@@ -19,7 +20,6 @@ from gaussian_enhancer.network.paper.stages import (
     LearnedCombine,
     depth_planes,
     halved_visibility,
-    zero_initialise,
 )
 from gaussian_enhancer.network.pyramid import three_scales
 from gaussian_enhancer.network.stem import Choice

@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from gaussian_enhancer.align.depth_normalisation import depth_unit, normalised_inverse_depth
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.network.block import Block
+from gaussian_enhancer.network.initialisation import zero_initialise
 from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.network.stem import Choice
 from gaussian_enhancer.types import NetworkInput, usable_depth
@@ -156,9 +157,3 @@ def depth_planes(views: NetworkInput) -> Float[Tensor, "b 2 h w"]:
     unit = depth_unit(views.depth) if views.depth_unit is None else views.depth_unit
     known_depth = usable_depth(views.depth)
     return torch.cat([normalised_inverse_depth(views.depth, unit), known_depth], dim=1).to(views.render.dtype)
-
-
-def zero_initialise(convolution: nn.Conv2d) -> None:
-    """Set a convolution to zero, so that it has no effect at initialisation."""
-    nn.init.zeros_(convolution.weight)
-    nn.init.zeros_(convolution.bias)  # type: ignore[arg-type]
