@@ -183,7 +183,7 @@ def test_references_are_kept_between_calls_and_read_once(views, monkeypatch):
     monkeypatch.setattr(pool, "_read", lambda *index: reads.append(index))
     assert torch.equal(enhancer(view.read(), **given(view)), expected[0])
     assert not reads
-    assert not enhancer._added_references.planner.known
+    assert not enhancer._added_references.planner.plans
     enhancer.clear_references()
     alone = enhancer(view.read(), **given(view))
     assert torch.equal(alone, enhancer(view.read(), references=[], **given(view)))

@@ -279,7 +279,7 @@ def test_coverage_of_regions_is_that_of_the_whole_and_nothing_elsewhere(plane_ru
     rendered = read_run(plane_run)
     regions = (Region(8, 8, 24, 40),)
     planner = Planner(Rules(tiles="auto"), ReferenceConfig(), rendered)
-    planner.known = {view.name: ViewPlan(view.name, (48, 64), regions) for view in rendered.targets}
+    planner.plans = {view.name: ViewPlan(view.name, (48, 64), regions) for view in rendered.targets}
     enhancer = SetEnhancer(small(), ReferenceConfig(), keeps_coverage=True)
     parts, whole = next(enhancer(rendered, planner)), next(enhancer(rendered))
     assert parts.coverage is not None

@@ -97,7 +97,7 @@ def test_plans_of_past_views_are_forgotten(session):
         drawn(session, looking(0.0))
     planner = session.stage(session.initial_choice).planner
     assert planner is not None
-    assert not planner.known
+    assert not planner.plans
 
 
 def test_the_number_of_references_is_chosen(session):

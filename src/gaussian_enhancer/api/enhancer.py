@@ -177,7 +177,7 @@ class Enhancer:
         enhanced = self._set_enhancer(validated.rendered, planner, validated.pool, cached.features)
         result = torch.stack([item.image for item in enhanced])
         if planner is not None:
-            planner.known.clear()
+            planner.plans.clear()
         return kind.restore_kind(result)
 
     def _references_of_call(self, references: Sequence[Reference] | None) -> CachedReferences:

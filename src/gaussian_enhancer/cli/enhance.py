@@ -58,7 +58,7 @@ def run(cfg: DictConfig) -> float | None:
     reads = validation_reads(validated, not cfg.output, planner, cfg.dry_run)
     for read_file in track(reads, "reading", console=console, disable=progress_hidden):
         read_file()
-    plan = Plan(task.rendered.name, rules, validated.parts, () if planner is None else tuple(planner.known.values()))
+    plan = Plan(task.rendered.name, rules, validated.parts, () if planner is None else tuple(planner.plans.values()))
     notes = validated.missing_references if rules.full and not cfg.dry_run else (plan.table(),)
     for line in filter(None, (task.note, *notes)):
         print_line(Console() if cfg.dry_run else console, line)

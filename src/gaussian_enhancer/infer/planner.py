@@ -44,7 +44,7 @@ class Planner:
         self.rules, self.reference_config, self.background = rules, reference_config, rendered.background
         self.pool = ReferencePool(rendered.references) if pool is None else pool
         self.index = {view.name: number for number, view in enumerate(rendered.references)}
-        self.known = {view.name: view for view in existing_plans}
+        self.plans = {view.name: view for view in existing_plans}
         self._coarse_references: dict[int, LoadedView] = {}
 
     def __call__(self, view: RenderedView, target: LoadedView) -> ViewPlan:
@@ -54,9 +54,9 @@ class Planner:
             view: the target.
             target: pixels of the target.
         """
-        if view.name not in self.known:
-            self.known[view.name] = self._make_plan(view, target)
-        return self.known[view.name]
+        if view.name not in self.plans:
+            self.plans[view.name] = self._make_plan(view, target)
+        return self.plans[view.name]
 
     def reference_indices(self, plan: ViewPlan) -> tuple[int, ...] | None:
         """The references of a plan as indices into the pool; None leaves the choice to the reference configuration."""

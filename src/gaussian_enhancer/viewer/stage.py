@@ -135,7 +135,7 @@ class Stage:
         single_view = replace(self.rendered, targets=(target,))
         (enhanced,) = self.enhancer(single_view, self.planner, self.pool, self._features)
         if self.planner is not None:
-            self.planner.known.clear()  # no view is drawn twice, so its plan is not needed again
+            self.planner.plans.clear()  # no view is drawn twice, so its plan is not needed again
         reference_count = max(1, self.enhancer.reference_config.references)
         coverage = None if enhanced.coverage is None else (enhanced.coverage / reference_count).clamp(0, 1)
         times = Times(rendering, enhanced.preparing, enhanced.enhancing)
