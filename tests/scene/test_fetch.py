@@ -29,7 +29,9 @@ def test_file_arrives_whole_with_its_checksum_beside_it(tmp_path):
     told = []
     with serving(CONTENT) as served:
         known = archive(served.url, bytes=len(CONTENT), sha256=sha256(CONTENT))
-        digest = fetch(known, tmp_path / "a" / "file.zip", patience=QUICK, advance=lambda *state: told.append(state))
+        digest = fetch(
+            known, tmp_path / "a" / "file.zip", retry_settings=QUICK, advance=lambda *state: told.append(state)
+        )
     assert (tmp_path / "a/file.zip").read_bytes() == CONTENT
     assert digest == sha256(CONTENT)
     assert leftovers(tmp_path / "a") == ["file.zip", "file.zip.sha256"]
@@ -40,7 +42,7 @@ def test_file_arrives_whole_with_its_checksum_beside_it(tmp_path):
 
 def test_cut_connections_are_resumed_from_where_they_broke(tmp_path):
     with serving(CONTENT, cut_after=[100_000, 50_000, 1]) as served:
-        fetch(archive(served.url, sha256=sha256(CONTENT)), tmp_path / "file.zip", patience=QUICK)
+        fetch(archive(served.url, sha256=sha256(CONTENT)), tmp_path / "file.zip", retry_settings=QUICK)
         assert served.asked == [None, "bytes=100000-", "bytes=150000-", "bytes=150001-"]
     assert (tmp_path / "file.zip").read_bytes() == CONTENT
 
@@ -49,9 +51,9 @@ def test_a_later_run_goes_on_where_an_earlier_one_gave_up(tmp_path):
     with serving(CONTENT, cut_after=[70_000, 0, 0, 0]) as served:
         known = archive(served.url, bytes=len(CONTENT))
         with pytest.raises(InputError, match=r"broke off 3 times in a row, 70000 bytes.*run the same command later"):
-            fetch(known, tmp_path / "file.zip", patience=QUICK)
+            fetch(known, tmp_path / "file.zip", retry_settings=QUICK)
         assert not (tmp_path / "file.zip").exists()
-        fetch(known, tmp_path / "file.zip", patience=QUICK)
+        fetch(known, tmp_path / "file.zip", retry_settings=QUICK)
         assert served.asked[-1] == "bytes=70000-"
     assert (tmp_path / "file.zip").read_bytes() == CONTENT
 
@@ -60,15 +62,15 @@ def test_a_file_that_changed_meanwhile_starts_anew(tmp_path):
     other = CONTENT[::-1]
     with serving(CONTENT, cut_after=[70_000, 0, 0, 0]) as served:
         with pytest.raises(InputError):
-            fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
+            fetch(archive(served.url), tmp_path / "file.zip", retry_settings=QUICK)
         served.content, served.tag = other, '"two"'
-        fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
+        fetch(archive(served.url), tmp_path / "file.zip", retry_settings=QUICK)
     assert (tmp_path / "file.zip").read_bytes() == other
 
 
 def test_a_server_that_ignores_ranges_sends_everything_again(tmp_path):
     with serving(CONTENT, ranges=False, cut_after=[100_000, 200_000]) as served:
-        fetch(archive(served.url, sha256=sha256(CONTENT)), tmp_path / "file.zip", patience=QUICK)
+        fetch(archive(served.url, sha256=sha256(CONTENT)), tmp_path / "file.zip", retry_settings=QUICK)
         assert len(served.asked) == 3
     assert (tmp_path / "file.zip").read_bytes() == CONTENT
 
@@ -76,14 +78,14 @@ def test_a_server_that_ignores_ranges_sends_everything_again(tmp_path):
 def test_a_server_that_never_gets_further_is_given_up(tmp_path):
     with serving(CONTENT, ranges=False, cut_after=[2000] + [1000, 1500] * 10) as served:
         with pytest.raises(InputError, match="broke off 3 times"):
-            fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
+            fetch(archive(served.url), tmp_path / "file.zip", retry_settings=QUICK)
         assert len(served.asked) == 4
 
 
 def test_a_part_that_is_complete_already_is_taken(tmp_path):
     (tmp_path / "file.zip.part").write_bytes(CONTENT)
     with serving(CONTENT) as served:
-        fetch(archive(served.url, sha256=sha256(CONTENT)), tmp_path / "file.zip", patience=QUICK)
+        fetch(archive(served.url, sha256=sha256(CONTENT)), tmp_path / "file.zip", retry_settings=QUICK)
         assert served.asked == [f"bytes={len(CONTENT)}-"]
     assert leftovers(tmp_path) == ["file.zip", "file.zip.sha256"]
 
@@ -91,7 +93,7 @@ def test_a_part_that_is_complete_already_is_taken(tmp_path):
 def test_a_part_longer_than_the_file_starts_anew(tmp_path):
     (tmp_path / "file.zip.part").write_bytes(CONTENT + b"more")
     with serving(CONTENT) as served:
-        fetch(archive(served.url, bytes=len(CONTENT)), tmp_path / "file.zip", patience=QUICK)
+        fetch(archive(served.url, bytes=len(CONTENT)), tmp_path / "file.zip", retry_settings=QUICK)
     assert (tmp_path / "file.zip").read_bytes() == CONTENT
 
 
@@ -99,14 +101,14 @@ def test_a_part_longer_than_the_file_starts_anew(tmp_path):
 def test_a_wrong_file_is_refused_and_removed(tmp_path, kind):
     wrong = hashlib.new(kind, b"another file").hexdigest()
     with serving(CONTENT) as served, pytest.raises(InputError, match=rf"{wrong} is recorded"):
-        fetch(archive(served.url, **{kind: wrong}), tmp_path / "file.zip", patience=QUICK)
+        fetch(archive(served.url, **{kind: wrong}), tmp_path / "file.zip", retry_settings=QUICK)
     assert leftovers(tmp_path) == []
 
 
 def test_a_file_of_another_size_is_refused_before_it_is_fetched(tmp_path):
     with serving(CONTENT) as served:
         with pytest.raises(InputError, match=r"300000 bytes where 7 are recorded.*https://authors"):
-            fetch(archive(served.url, bytes=7), tmp_path / "file.zip", page="https://authors", patience=QUICK)
+            fetch(archive(served.url, bytes=7), tmp_path / "file.zip", page="https://authors", retry_settings=QUICK)
         assert len(served.asked) == 1
     assert (tmp_path / "file.zip.part").stat().st_size == 0
 
@@ -114,28 +116,28 @@ def test_a_file_of_another_size_is_refused_before_it_is_fetched(tmp_path):
 def test_without_a_published_checksum_the_first_copy_is_the_measure(tmp_path):
     path = tmp_path / "file.zip"
     with serving(CONTENT) as served:
-        fetch(archive(served.url), path, patience=QUICK)
+        fetch(archive(served.url), path, retry_settings=QUICK)
         path.unlink()
         served.content = b"something else"
         with pytest.raises(
             InputError, match=rf"{sha256(b'something else')} where {sha256(CONTENT)} is in file.zip.sha256"
         ):
-            fetch(archive(served.url), path, patience=QUICK)
+            fetch(archive(served.url), path, retry_settings=QUICK)
     assert leftovers(tmp_path) == ["file.zip.sha256"]
 
 
 def test_the_servers_own_checksum_is_compared(tmp_path):
     with serving(CONTENT, md5=hashlib.md5(b"x").digest()) as served:
         with pytest.raises(InputError, match="stated by the server"):
-            fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
+            fetch(archive(served.url), tmp_path / "file.zip", retry_settings=QUICK)
         served.md5 = hashlib.md5(CONTENT).digest()
-        fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
+        fetch(archive(served.url), tmp_path / "file.zip", retry_settings=QUICK)
     assert (tmp_path / "file.zip").read_bytes() == CONTENT
 
 
 def test_passing_errors_are_waited_out(tmp_path):
     with serving(CONTENT, fail_first=2) as served:
-        fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
+        fetch(archive(served.url), tmp_path / "file.zip", retry_settings=QUICK)
         assert len(served.asked) == 3
 
 
@@ -143,14 +145,14 @@ def test_passing_errors_are_waited_out(tmp_path):
 def test_a_moved_file_is_named_at_once_with_what_to_do(tmp_path, status):
     with serving(CONTENT, status=status) as served:
         with pytest.raises(InputError, match=rf"answers {status} .*dataset\.archives.*by hand"):
-            fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
+            fetch(archive(served.url), tmp_path / "file.zip", retry_settings=QUICK)
         assert len(served.asked) == 1
 
 
 def test_a_web_page_is_no_archive(tmp_path):
     page = serving(b"<html>log in</html>", kind="text/html; charset=utf-8")
     with page as served, pytest.raises(InputError, match="a web page instead of the archive"):
-        fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
+        fetch(archive(served.url), tmp_path / "file.zip", retry_settings=QUICK)
 
 
 def test_nobody_answers(tmp_path):
@@ -158,18 +160,18 @@ def test_nobody_answers(tmp_path):
         free.bind(("127.0.0.1", 0))
         url = f"http://127.0.0.1:{free.getsockname()[1]}/file.zip"
     with pytest.raises(InputError, match="broke off 3 times in a row, 0 bytes"):
-        fetch(archive(url), tmp_path / "file.zip", patience=QUICK)
+        fetch(archive(url), tmp_path / "file.zip", retry_settings=QUICK)
 
 
 def test_a_full_disk_is_told_before_anything_is_written(tmp_path, monkeypatch):
     monkeypatch.setattr(transfer.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": 1000}))
     with serving(CONTENT) as served, pytest.raises(InputError, match=r"0\.00 GB free where file\.zip needs"):
-        fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
+        fetch(archive(served.url), tmp_path / "file.zip", retry_settings=QUICK)
     assert (tmp_path / "file.zip.part").stat().st_size == 0
 
 
 def test_two_processes_do_not_write_the_same_file(tmp_path):
     with module._lock_part(tmp_path / "file.zip.part"), serving(CONTENT) as served:
         with pytest.raises(InputError, match="by another process"):
-            fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
+            fetch(archive(served.url), tmp_path / "file.zip", retry_settings=QUICK)
         assert served.asked == []

@@ -105,5 +105,5 @@ def test_depth_puts_views_that_see_the_target_first():
 def test_kept_references_stay_until_another_is_clearly_better():
     target, views = view("t", camera_at(0.6)), [view("a", camera_at(0.0)), view("b", camera_at(1.0))]
     assert rank_references(target, views, 1) == (1,)
-    assert rank_references(target, views, 1, kept=[0], hysteresis=0.5) == (0,)
-    assert rank_references(view("t", camera_at(0.9)), views, 1, kept=[0], hysteresis=0.5) == (1,)
+    assert rank_references(target, views, 1, previous_references=[0], hysteresis=0.5) == (0,)
+    assert rank_references(view("t", camera_at(0.9)), views, 1, previous_references=[0], hysteresis=0.5) == (1,)

@@ -7,8 +7,9 @@ import torch
 from PIL import Image
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.cameras import write_scene_cameras
 from gaussian_enhancer.scene.colmap import load_colmap
-from gaussian_enhancer.scene.renders import read_folder, read_run, run_steps, write_scene_cameras
+from gaussian_enhancer.scene.renders import read_folder, read_run, run_steps
 from support.captures_on_disk import COUNT, HEIGHT, WIDTH, save, write_colmap
 
 

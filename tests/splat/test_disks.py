@@ -72,9 +72,9 @@ def test_no_pixel_above_the_threshold_is_left_out_and_few_are_in_vain(splat: Gau
     lists = bin_tiles(disks.footprints, disks.depths, eye.height, eye.width)
     listed = np.zeros((len(splat), eye.height, eye.width), bool)
     across = -(-eye.width // TILE)
-    for tile in range(len(lists.starts) - 1):
+    for tile in range(len(lists.tile_starts) - 1):
         top, left = tile // across * TILE, tile % across * TILE
-        for e in range(lists.starts[tile], lists.starts[tile + 1]):
+        for e in range(lists.tile_starts[tile], lists.tile_starts[tile + 1]):
             first, end = lists.rows[e]
             listed[lists.gaussians[e], top + first : top + end, left : left + TILE] = True
     z = (splat.means @ eye.rotation.T)[:, 2]

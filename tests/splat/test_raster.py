@@ -51,13 +51,13 @@ def test_alpha_is_capped_and_a_pixel_stops_before_transmittance_is_spent() -> No
     splats = round_splats([[0.5, 0.5]] * 5, 2.0, [0.9999999] * 5, [[1, 1, 1]] * 5)
     _, image = drawn(splats, 1, 1)
     assert image.alpha[0, 0, 0] == pytest.approx(0.9999, abs=1e-6)  # the third would leave 1e-6
-    assert image.used[0] == 5
+    assert image.blended_counts[0] == 5
 
 
 def test_a_tile_whose_pixels_have_stopped_is_left() -> None:
     splats = round_splats([[8.0, 8.0]] * 100, 200.0, [0.98] * 100, [[1, 1, 1]] * 100)
     lists, image = drawn(splats, 16, 16)
-    assert image.used[0] == 8
+    assert image.blended_counts[0] == 8
     gradient = np.ones((3, 16, 16), np.float32)
     zero = np.zeros((1, 16, 16), np.float32)
     gathered = blend_backward(splats, lists, image, gradient, zero, zero)

@@ -36,8 +36,8 @@ def nearest(footprint: np.ndarray, cov: np.ndarray, left: int, row: int) -> floa
 def listed(lists: TileLists, height: int, width: int) -> dict[int, set[tuple[int, int, int]]]:
     """Per Gaussian, the (tile, first row, end row) it is listed with."""
     found: dict[int, set[tuple[int, int, int]]] = {}
-    for tile in range(len(lists.starts) - 1):
-        for e in range(lists.starts[tile], lists.starts[tile + 1]):
+    for tile in range(len(lists.tile_starts) - 1):
+        for e in range(lists.tile_starts[tile], lists.tile_starts[tile + 1]):
             entry = (tile, int(lists.rows[e, 0]), int(lists.rows[e, 1]))
             found.setdefault(int(lists.gaussians[e]), set()).add(entry)
     return found
@@ -79,8 +79,8 @@ def test_slots_lie_by_gaussian_and_sums_follow_them() -> None:
     footprints, _ = ellipses(80, 60, 60, seed=3)
     lists = bin_tiles(footprints, np.random.default_rng(0).uniform(1, 9, 80).astype(np.float32), 60, 60)
     assert (np.sort(lists.slots) == np.arange(len(lists.gaussians))).all()
-    assert (lists.first[lists.gaussians] <= lists.slots).all()
-    assert (lists.slots < lists.first[lists.gaussians + 1]).all()
+    assert (lists.slot_starts[lists.gaussians] <= lists.slots).all()
+    assert (lists.slots < lists.slot_starts[lists.gaussians + 1]).all()
     by_entry = np.random.default_rng(1).normal(size=(len(lists.gaussians), 5)).astype(np.float32)
     expected, values = np.zeros((80, 5)), np.empty_like(by_entry)
     np.add.at(expected, lists.gaussians, by_entry)

@@ -16,7 +16,7 @@ from gaussian_enhancer.scene.checksum import check_archive
 from gaussian_enhancer.scene.datasets import Archive, Dataset, dataset_of
 from gaussian_enhancer.scene.extract import unpack
 from gaussian_enhancer.scene.fetch import RetrySettings, fetch
-from gaussian_enhancer.scene.wanted import RequestedScene, checksum_note, listing, needed_archives, requested_scenes
+from gaussian_enhancer.scene.requested import RequestedScene, checksum_note, listing, needed_archives, requested_scenes
 
 
 def output_path(cfg: DictConfig) -> Path | None:
@@ -65,7 +65,7 @@ def _fetch(cfg: DictConfig, dataset: Dataset, archive: Archive, path: Path, prog
         archive,
         path,
         page=dataset.page,
-        patience=RetrySettings(retries=cfg.retries, timeout=cfg.timeout),
+        retry_settings=RetrySettings(retries=cfg.retries, timeout=cfg.timeout),
         advance=lambda done, total: progress.update(task, completed=done, total=total),
     )
     print_line(progress.console, f"{path}: SHA-256 {digest}, {checksum_note(archive)}")

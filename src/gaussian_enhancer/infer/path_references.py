@@ -40,7 +40,7 @@ class PathReferences(ReferenceConfig):
         if not self.references:
             return ()
         previous = [index for index, reference in enumerate(pool.views) if reference.name in self.kept]
-        ranking = {"depth": target.depth, "kept": previous, "hysteresis": self.hysteresis}
+        ranking = {"depth": target.depth, "previous_references": previous, "hysteresis": self.hysteresis}
         ranked = rank_references(view, pool.views, self.candidates, **ranking)  # type: ignore[arg-type]
         self.kept[:] = [pool.views[index].name for index in ranked]
         return ranked

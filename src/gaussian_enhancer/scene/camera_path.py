@@ -134,10 +134,10 @@ def refuse_outside(path: Sequence[Camera], cameras: Sequence[Camera], subject: o
     distances = np.stack([np.linalg.norm(photo_centres - centre, axis=1).min() for centre in _centres(path)])
     farthest = int(distances.argmax())
     if width > 0 and distances[farthest] > MAX_DISTANCE * width:
+        camera, distance = f"camera {farthest + 1} of {len(path)}", distances[farthest] / width
         received = (
-            f"leaves the capture: camera {farthest + 1} of {len(path)} is {distances[farthest] / width:.1f} times the "
+            f"leaves the capture: {camera} is {distance:.1f} times the capture's width away from the nearest photo"
         )
-        received += "capture's width away from the nearest photo"
         raise InputError(subject, received, "give a path in the capture's own coordinates, near its photos")
 
 

@@ -16,13 +16,13 @@ from gaussian_enhancer.files import write_text
 from gaussian_enhancer.scene.datasets import Archive
 
 
-def check_archive(archive: Archive, file: Path, place: Path, md5: str | None = None) -> str:
+def check_archive(archive: Archive, file: Path, destination: Path, md5: str | None = None) -> str:
     """Compare a file's size and checksums with the expected values.
 
     Args:
         archive: description with the recorded values.
         file: the downloaded file.
-        place: the file's final path. The ``.sha256`` file beside it holds the first copy's checksum and is written if
+        destination: the file's final path. The ``.sha256`` file beside it holds the first copy's checksum and is written if
             it does not exist.
         md5: MD5 stated by the server.
 
@@ -34,19 +34,19 @@ def check_archive(archive: Archive, file: Path, place: Path, md5: str | None = N
     """
     size = file.stat().st_size
     if archive.bytes not in (None, size):
-        raise InputError(place, f"has {size} bytes where {archive.bytes} are recorded", _remedy(place))
+        raise InputError(destination, f"has {size} bytes where {archive.bytes} are recorded", _remedy(destination))
     with file.open("rb") as stream:
         sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
-    checksum_file = place.with_name(f"{place.name}.sha256")
+    checksum_file = destination.with_name(f"{destination.name}.sha256")
     expected_sha256 = {"recorded": archive.sha256, f"in {checksum_file.name}": _read_checksum(checksum_file)}
     for origin, expected in expected_sha256.items():
         if expected not in (None, sha256):
-            raise InputError(place, f"has SHA-256 {sha256} where {expected} is {origin}", _remedy(place))
+            raise InputError(destination, f"has SHA-256 {sha256} where {expected} is {origin}", _remedy(destination))
     for origin, expected in {"recorded": archive.md5, "stated by the server": md5}.items():
         if expected is not None and expected != (computed := _md5(file)):
-            raise InputError(place, f"has MD5 {computed} where {expected} is {origin}", _remedy(place))
+            raise InputError(destination, f"has MD5 {computed} where {expected} is {origin}", _remedy(destination))
     if expected_sha256[f"in {checksum_file.name}"] is None:
-        write_text(checksum_file, f"{sha256}  {place.name}\n")
+        write_text(checksum_file, f"{sha256}  {destination.name}\n")
     return sha256
 
 
@@ -62,12 +62,12 @@ def served_md5(headers: Message) -> str | None:
         return None
 
 
-def _read_checksum(beside: Path) -> str | None:
-    if not beside.is_file():
+def _read_checksum(checksum_file: Path) -> str | None:
+    if not checksum_file.is_file():
         return None
-    words = beside.read_text(encoding="utf-8").split()
+    words = checksum_file.read_text(encoding="utf-8").split()
     if not words or not re.fullmatch(r"[0-9a-f]{64}", words[0]):
-        raise InputError(beside, "holds no SHA-256", "delete it, and the archive with it, to fetch both again")
+        raise InputError(checksum_file, "holds no SHA-256", "delete it, and the archive with it, to fetch both again")
     return words[0]
 
 
@@ -76,8 +76,8 @@ def _md5(file: Path) -> str:
         return hashlib.file_digest(stream, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()
 
 
-def _remedy(place: Path) -> str:
+def _remedy(destination: Path) -> str:
     return (
-        f"delete {place.name} if it is there and fetch it again; if its authors have changed it, delete "
-        f"{place.name}.sha256 too and give dataset.archives.KEY.bytes, .sha256 and .md5 anew (null: unknown)"
+        f"delete {destination.name} if it is there and fetch it again; if its authors have changed it, delete "
+        f"{destination.name}.sha256 too and give dataset.archives.KEY.bytes, .sha256 and .md5 anew (null: unknown)"
     )

@@ -62,9 +62,8 @@ def load_colmap(
         else:
             files.append(PosedFile(photo[0], photo[1], model.cameras[image.camera], camera_pose(image)))
     refuse_or_drop(images_without_photo, "cameras without a photo", root / images, missing)
-    refuse_or_drop(
-        [relative_path for relative_path, _ in photos.values()], "photos without a camera", root / images, missing
-    )
+    photos_without_image = [relative_path for relative_path, _ in photos.values()]
+    refuse_or_drop(photos_without_image, "photos without a camera", root / images, missing)
     return build_scene(
         files, source=root, name=name, downscale=downscale, split=split, background=background, points=model.points
     )
@@ -108,11 +107,10 @@ def _by_stem(folder: Path) -> dict[str, tuple[str, Path]]:
 
     Endings are ignored because folders such as ``images_4`` may hold another image format than the model names.
     """
-    if not folder.is_dir():
-        list_images(folder)
-    files = sorted(p for p in _walk(folder) if p.suffix.lower() in ENDINGS and not p.name.startswith("."))
+    paths = _walk(folder) if folder.is_dir() else ()
+    files = sorted(p for p in paths if p.suffix.lower() in ENDINGS and not p.name.startswith("."))
     if not files:
-        list_images(folder)
+        list_images(folder)  # raises the error for a missing folder, or one without images
     photos: dict[str, tuple[str, Path]] = {}
     for file in files:
         relative_path = file.relative_to(folder).as_posix()

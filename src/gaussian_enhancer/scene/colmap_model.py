@@ -98,7 +98,7 @@ def _image(name: str, camera: int, pose: tuple[float, ...], file: Path) -> Colma
     length = math.hypot(*pose[:4])
     if not abs(length - 1) <= 0.01:  # written so that NaN is refused too
         raise InputError(file, f"gives {name} a quaternion of length {length:g} as rotation", "calibrate again")
-    w, x, y, z = (part / length for part in pose[:4])
+    w, x, y, z = (component / length for component in pose[:4])
     return ColmapImage(name, camera, (w, x, y, z), (pose[4], pose[5], pose[6]))
 
 

@@ -117,10 +117,8 @@ class Dataset:
             raise InputError(f"{self.name}.layout", f"is {self.layout!r}", f"choose from {', '.join(LAYOUTS)}")
         for name, scene in self.scenes.items():
             if scene.archive not in self.archives:
-                archive_names = ", ".join(self.archives)
-                raise InputError(
-                    f"{self.name}.{name}", f"lies in archive {scene.archive!r}", f"name one of {archive_names}"
-                )
+                remedy = f"name one of {', '.join(self.archives)}"
+                raise InputError(f"{self.name}.{name}", f"lies in archive {scene.archive!r}", remedy)
 
     def photo_folder(self, downscale: int | float) -> str:
         """Name of the folder that holds a scene's photos at a downscaling factor.
@@ -191,7 +189,7 @@ def _mapping(values: Mapping[str, Any], key: str, where: str) -> list[tuple[str,
 
 
 def _build(kind: type, values: Mapping[str, Any], where: str) -> Any:
-    unknown = sorted(set(values) - {field.name for field in fields(kind)})
+    unknown = sorted(set(values) - {item.name for item in fields(kind)})
     if unknown:
         raise InputError(where, f"states {unknown[0]!r}", f"it is no value of {kind.__name__}")
     try:

@@ -74,27 +74,27 @@ def unpack(
     return missing_parts
 
 
-def _members(opened: zipfile.ZipFile, archive: Path, parts: Parts, name: str) -> list[zipfile.ZipInfo]:
+def _members(zip_file: zipfile.ZipFile, archive: Path, parts: Parts, name: str) -> list[zipfile.ZipInfo]:
     """The archive's entries for the files of one part."""
     prefix = f"{parts.inside}/{name}"
     files = [
         member
-        for member in opened.infolist()
+        for member in zip_file.infolist()
         if not member.is_dir()
         and (member.filename == prefix or member.filename.startswith(f"{prefix}/"))
         and not any(fnmatch.fnmatch(PurePosixPath(member.filename).name, pattern) for pattern in parts.leave_out)
     ]
     if not files:
-        paths = [member.filename for member in opened.infolist() if member.filename.startswith(f"{parts.inside}/")]
+        paths = [member.filename for member in zip_file.infolist() if member.filename.startswith(f"{parts.inside}/")]
         folders = sorted({path[len(parts.inside) + 1 :].split("/")[0] for path in paths} - {""})
         received = f"holds no {prefix} (of {parts.inside}: {', '.join(folders) or 'nothing'})"
         raise InputError(archive, received, "set images= to existing folders")
     return files
 
 
-def _refuse_outside(opened: zipfile.ZipFile, archive: Path) -> None:
+def _refuse_outside(zip_file: zipfile.ZipFile, archive: Path) -> None:
     """Refuse an archive that holds a symbolic link or a path outside the folder it is unpacked to."""
-    for member in opened.infolist():
+    for member in zip_file.infolist():
         path = PurePosixPath(member.filename.replace("\\", "/"))
         is_outside = path.is_absolute() or ".." in path.parts or (path.parts and path.parts[0].endswith(":"))
         if is_outside or stat.S_ISLNK(member.external_attr >> 16):
@@ -103,10 +103,10 @@ def _refuse_outside(opened: zipfile.ZipFile, archive: Path) -> None:
 
 
 def _unpack_part(
-    opened: zipfile.ZipFile, members: Sequence[zipfile.ZipInfo], prefix: str, place: Path
+    zip_file: zipfile.ZipFile, members: Sequence[zipfile.ZipInfo], prefix: str, destination: Path
 ) -> Iterator[int]:
     """Unpack one part; yield the size of each file after it is written."""
-    temporary = place.with_name(f".{place.name}.part")
+    temporary = destination.with_name(f".{destination.name}.part")
     if temporary.is_dir():
         shutil.rmtree(temporary)
     temporary.unlink(missing_ok=True)
@@ -114,7 +114,7 @@ def _unpack_part(
         relative = member.filename[len(prefix) + 1 :]
         target = temporary / relative if relative else temporary
         target.parent.mkdir(parents=True, exist_ok=True)
-        with opened.open(member) as source, target.open("wb") as file:
+        with zip_file.open(member) as source, target.open("wb") as file:
             shutil.copyfileobj(source, file, 1 << 20)
         yield member.file_size
-    os.replace(temporary, place)
+    os.replace(temporary, destination)

@@ -44,7 +44,7 @@ def fetch(
     path: Path,
     *,
     page: str = "",
-    patience: RetrySettings | None = None,
+    retry_settings: RetrySettings | None = None,
     advance: Advance | None = None,
 ) -> str:
     """Download an archive, verify it and move it to its final path.
@@ -53,7 +53,7 @@ def fetch(
         archive: description of the archive.
         path: final path; it is not created before the file is complete and its checksums are verified.
         page: address of its authors' page, for errors.
-        patience: retry limits and time-outs.
+        retry_settings: retry limits and time-outs.
         advance: progress callback.
 
     Returns:
@@ -64,9 +64,9 @@ def fetch(
         InputError: the server refuses the request or sends another file, the connection breaks too often, the disk is
             full, or another process is downloading the same file.
     """
-    patience, report = patience or RetrySettings(), advance or (lambda done, total: None)
+    retry_settings, report = retry_settings or RetrySettings(), advance or (lambda done, total: None)
     with _lock_part(path.with_name(f"{path.name}.part")) as part:
-        transfer = Transfer(archive, path, part, page, patience.timeout, report)
+        transfer = Transfer(archive, path, part, page, retry_settings.timeout, report)
         most_bytes, idle_attempts, reason = transfer.size, 0, ""
         while not transfer.complete:
             try:
@@ -76,11 +76,11 @@ def fetch(
                 reason = str(error) or type(error).__name__
             idle_attempts = 0 if transfer.size > most_bytes else idle_attempts + 1
             most_bytes = max(most_bytes, transfer.size)
-            if idle_attempts > patience.retries and not transfer.complete:
+            if idle_attempts > retry_settings.retries and not transfer.complete:
                 received = f"broke off {idle_attempts} times in a row, {transfer.size} bytes are there ({reason})"
                 raise InputError(archive.url, received, "run the same command later; it resumes")
             if not transfer.complete:
-                time.sleep(min(60.0, patience.pause * 2**idle_attempts))
+                time.sleep(min(60.0, retry_settings.pause * 2**idle_attempts))
         temporary = Path(str(part.name))
         try:
             digest = check_archive(archive, temporary, path, transfer.md5)

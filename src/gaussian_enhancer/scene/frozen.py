@@ -35,10 +35,10 @@ def is_untrained(run: str | Path) -> bool:
     return is_frozen(run) or _is_procedural(run, UNTRAINED_FROM)
 
 
-def _is_procedural(run: str | Path, first: int) -> bool:
-    """Whether a run's scene is procedural, with a seed of at least ``first`` or of the family `FROZEN_FAMILY`."""
+def _is_procedural(run: str | Path, first_seed: int) -> bool:
+    """Whether a run's scene is procedural, with a seed of at least ``first_seed`` or of the family `FROZEN_FAMILY`."""
     match = PROCEDURAL.match(Path(run).name)
-    return match is not None and (match[1] == FROZEN_FAMILY or int(match[2]) >= first)
+    return match is not None and (match[1] == FROZEN_FAMILY or int(match[2]) >= first_seed)
 
 
 def refuse_frozen(runs: Iterable[str | Path], purpose: str = "chosen by") -> None:

@@ -16,6 +16,7 @@ from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.scene.posed import ReadPhoto
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.scene import Photo, Scene
+from gaussian_enhancer.types import Camera
 
 UPSCALE = 4
 SLACK = 3
@@ -83,15 +84,14 @@ def _with_fine_photo(view: RenderedView, photo: Photo) -> RenderedView:
         return dataclasses.replace(view, read_fine_photo=photo.read)
     render_size, photo_size = _size(view.camera, view.read), _size(photo.camera, photo.read)
     if not is_finer(photo_size, render_size):
-        received = (
-            f"is {photo_size[1]}x{photo_size[0]} where 4 times its render {view.name} is {UPSCALE * render_size[1]}x"
-        )
-        received += f"{UPSCALE * render_size[0]}"
+        height, width = (UPSCALE * side for side in render_size)
+        received = f"is {photo_size[1]}x{photo_size[0]} where 4 times its render {view.name} is {width}x{height}"
         raise InputError(photo.name, received, "give photos of 4 times the renders' resolution")
     read = resized_reader(photo.read, UPSCALE * render_size[0], UPSCALE * render_size[1])
     return dataclasses.replace(view, read_fine_photo=read, fine_size=original_size(photo_size, render_size))
 
 
-def _size(camera, read) -> tuple[int, int]:  # type: ignore[no-untyped-def]
+def _size(camera: Camera | None, read: Callable[[], Tensor]) -> tuple[int, int]:
+    """Height and width of a view: its camera's or, without a camera, its image's."""
     height, width = read().shape[-2:] if camera is None else (camera.height, camera.width)
     return int(height), int(width)

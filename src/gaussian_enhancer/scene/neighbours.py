@@ -72,10 +72,8 @@ def covisibility(
     projections = torch.stack([camera.K.double() @ camera.world_to_camera[:3].double() for camera in references])
     x, y, z = (points @ projections[:, :, :3].mT + projections[:, None, :, 3]).unbind(-1)
     positive_z = z.clamp_min(1e-12)
-    widths, heights = (
-        points.new_tensor([getattr(camera, dimension) for camera in references]) for dimension in ("width", "height")
-    )
-    inside = (z > 0) & (x >= 0) & (y >= 0) & (x < widths[:, None] * positive_z) & (y < heights[:, None] * positive_z)
+    widths, heights = points.new_tensor([(camera.width, camera.height) for camera in references]).T[..., None]
+    inside = (z > 0) & (x >= 0) & (y >= 0) & (x < widths * positive_z) & (y < heights * positive_z)
     return inside.double().mean(1)
 
 
@@ -85,7 +83,7 @@ def rank_references(
     count: int,
     *,
     depth: Float[Tensor, "1 h w"] | None = None,
-    kept: Collection[int] = (),
+    previous_references: Collection[int] = (),
     hysteresis: float = 1.0,
 ) -> tuple[int, ...]:
     """Indices of the ``count`` best references among the candidates, best first.
@@ -102,8 +100,8 @@ def rank_references(
         candidates: training views; must not contain test views.
         count: maximum number of references to return.
         depth: rendered z depth of the target.
-        kept: indices of the candidates that were references of the previous frame.
-        hysteresis: factor on the cost of the ``kept`` candidates, in (0, 1]. With a factor below 1 another candidate
+        previous_references: indices of the candidates that were references of the previous frame.
+        hysteresis: factor on the cost of the ``previous_references``, in (0, 1]. With a factor below 1 another candidate
             must be clearly better to replace one of them. It has no effect without cameras.
 
     Raises:
@@ -117,16 +115,13 @@ def rank_references(
         return _nearest_names(target.name, [candidates[i].name for i in eligible], eligible)[:count]
     if len(cameras) < len(eligible):
         name_without_camera = next(candidates[i].name for i in eligible if candidates[i].camera is None)
-        raise InputError(
-            f"reference {name_without_camera}",
-            "has no camera while others have one",
-            "give cameras for all or for none",
-        )
+        received, remedy = "has no camera while others have one", "give cameras for all or for none"
+        raise InputError(f"reference {name_without_camera}", received, remedy)
     costs = pose_costs(target.camera, cameras, camera_spacing(cameras))
     if depth is not None:
         stride = max(4, math.isqrt(depth.shape[-2] * depth.shape[-1] // SAMPLED))
         costs = (1 + costs) / covisibility(depth, target.camera, cameras, stride=stride).clamp_min(1e-6)
-    costs = torch.where(torch.tensor([i in kept for i in eligible]), hysteresis * costs, costs)
+    costs = torch.where(torch.tensor([i in previous_references for i in eligible]), hysteresis * costs, costs)
     return tuple(eligible[i] for i in torch.argsort(costs, stable=True)[:count].tolist())
 
 

@@ -63,8 +63,8 @@ def load_opensfm(
     lenses = {key: _lens(camera, f"{source} camera {key}") for key, camera in cameras.items()}
     photos = {photo.name: photo for photo in list_images(root / images)}
     shots = get_object(content, "shots", source)
-    refuse_or_drop([s for s in shots if s not in photos], "shots without a photo", source, missing)
-    refuse_or_drop([p for p in photos if p not in shots], "photos without a camera", root / images, missing)
+    refuse_or_drop([shot for shot in shots if shot not in photos], "shots without a photo", source, missing)
+    refuse_or_drop([photo for photo in photos if photo not in shots], "photos without a camera", root / images, missing)
     files = [_parse_shot(key, shots[key], photos[key], lenses, source) for key in shots if key in photos]
     return build_scene(
         files,
@@ -120,18 +120,16 @@ def _lens(camera: Any, where: str) -> Lens:
     if model == "fisheye_opencv":
         k4 = get_number(camera, "k4", where, 0.0)
         return Lens("OPENCV_FISHEYE", width, height, (*focals, cx, cy, k1, k2, k3, k4), where)
-    raise InputError(
-        where, f"has projection_type {abbreviate(model)}", "use perspective, brown, fisheye or fisheye_opencv"
-    )
+    remedy = "use perspective, brown, fisheye or fisheye_opencv"
+    raise InputError(where, f"has projection_type {abbreviate(model)}", remedy)
 
 
 def _parse_shot(key: str, shot: Any, photo: Path, lenses: dict[str, Lens], source: Path) -> PosedFile:
     context = f"{source} shot {key}"
     camera = get_string(shot, "camera", context)
     if camera not in lenses:
-        raise InputError(
-            context, f"names the camera {camera!r}, which is not listed", "export the reconstruction again"
-        )
+        received = f"names the camera {camera!r}, which is not listed"
+        raise InputError(context, received, "export the reconstruction again")
     pose = torch.eye(4, dtype=torch.float64)
     pose[:3, :3] = rotation_from_axis_angle(_vector(shot, "rotation", context))
     pose[:3, 3] = _vector(shot, "translation", context)
@@ -144,9 +142,8 @@ def _vector(record: Any, key: str, where: object) -> Float[Tensor, " 3"]:
         raise InputError(where, f"has {key} = {abbreviate(values)}", "give three numbers")
     vector = torch.tensor(values, dtype=torch.float64)
     if not bool(torch.isfinite(vector).all()):
-        raise InputError(
-            where, f"has {key} = {abbreviate(values)}", "remove the shot or reconstruct again: NaN or infinity"
-        )
+        remedy = "remove the shot or reconstruct again: NaN or infinity"
+        raise InputError(where, f"has {key} = {abbreviate(values)}", remedy)
     return vector
 
 

@@ -36,9 +36,8 @@ def smooth_path(cameras: Sequence[Camera], frames: int, *, even_speed: bool = Fa
         InputError: there are fewer than 2 cameras or frames, or the cameras differ in size.
     """
     if len(cameras) < 2 or frames < 2:
-        raise InputError(
-            "camera path", f"has {len(cameras)} cameras for {frames} frames", "give at least 2 cameras and 2 frames"
-        )
+        received = f"has {len(cameras)} cameras for {frames} frames"
+        raise InputError("camera path", received, "give at least 2 cameras and 2 frames")
     sizes = dict.fromkeys((camera.width, camera.height) for camera in cameras)
     if len(sizes) > 1:
         sizes_text = " and ".join(f"{width}x{height}" for width, height in sizes)
@@ -47,16 +46,13 @@ def smooth_path(cameras: Sequence[Camera], frames: int, *, even_speed: bool = Fa
     rotations = Rotation.from_matrix(np.stack([camera.rotation.T.double().cpu().numpy() for camera in cameras]))
     intrinsics = np.stack([camera.K.double().cpu().numpy() for camera in cameras])
     times = _times(centres, rotations)
-    centre_at, rotation_at = (
-        CubicHermiteSpline(times, centres, _velocities(times, centres)),
-        RotationSpline(times, rotations),
-    )
+    centre_at = CubicHermiteSpline(times, centres, _velocities(times, centres))
+    rotation_at = RotationSpline(times, rotations)
     sample_times = np.linspace(0.0, times[-1], frames)
     if even_speed:
         dense_times = np.linspace(0.0, times[-1], DENSE * len(cameras))
-        arc_length = np.concatenate(
-            [[0.0], np.cumsum(_movements(centre_at(dense_times), rotation_at(dense_times), _mean_step(centres)))]
-        )
+        dense_steps = _movements(centre_at(dense_times), rotation_at(dense_times), _mean_step(centres))
+        arc_length = np.concatenate([[0.0], np.cumsum(dense_steps)])
         sample_times = np.interp(np.linspace(0.0, arc_length[-1], frames), arc_length, dense_times)
     path_centres = centre_at(sample_times)
     path_rotations = rotation_at(sample_times).inv().as_matrix()
@@ -64,9 +60,9 @@ def smooth_path(cameras: Sequence[Camera], frames: int, *, even_speed: bool = Fa
     return tuple(_camera(cameras[0], K[i].reshape(3, 3), path_rotations[i], path_centres[i]) for i in range(frames))
 
 
-def _times(centres: Float[np.ndarray, "c 3"], turns: Rotation) -> Float[np.ndarray, " c"]:
+def _times(centres: Float[np.ndarray, "c 3"], rotations: Rotation) -> Float[np.ndarray, " c"]:
     """Time at which the path passes each camera; consecutive times differ by at least 1/1000 of the mean difference."""
-    steps = np.sqrt(_movements(centres, turns, _mean_step(centres)))
+    steps = np.sqrt(_movements(centres, rotations, _mean_step(centres)))
     smallest_step = 1e-3 * steps.mean() if steps.any() else 1.0
     return np.concatenate([[0.0], np.cumsum(np.maximum(steps, smallest_step))])
 
@@ -77,9 +73,9 @@ def _mean_step(centres: Float[np.ndarray, "c 3"]) -> float:
     return mean if mean > 0 else 1.0
 
 
-def _movements(centres: Float[np.ndarray, "c 3"], turns: Rotation, unit: float) -> Float[np.ndarray, " c-1"]:
+def _movements(centres: Float[np.ndarray, "c 3"], rotations: Rotation, unit: float) -> Float[np.ndarray, " c-1"]:
     """Separation of consecutive cameras: distance divided by ``unit`` plus rotation angle in radians."""
-    angles = (turns[1:] * turns[:-1].inv()).magnitude()
+    angles = (rotations[1:] * rotations[:-1].inv()).magnitude()
     return np.linalg.norm(np.diff(centres, axis=0), axis=1) / unit + angles
 
 
@@ -101,8 +97,8 @@ def _camera(like: Camera, K: np.ndarray, rotation: np.ndarray, centre: np.ndarra
 def short_tour(cameras: Sequence[Camera]) -> tuple[int, ...]:
     """A short tour of the cameras: their order improved by 2-opt until reversing any segment no longer shortens it.
 
-    A video's frames keep their order. Unordered photos, whose order would lead the path through the
-    subject, are sorted into a tour from neighbour to neighbour that is near the shortest. The length of a step is the
+    A video's frames keep their order. Photos in no order, along which a path would cross the subject, are sorted into a
+    tour from neighbour to neighbour that is near the shortest. The length of a step is the
     distance, in units of the median distance between consecutive cameras, plus the rotation angle in radians. The tour
     is open: it does not return to its start.
 

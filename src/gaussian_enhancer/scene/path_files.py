@@ -91,20 +91,18 @@ def write_path(path: str | Path, cameras: Sequence[Camera], fps: float) -> None:
         raise InputError(path, "would list no camera", "give at least one")
     height, width = cameras[0].height, cameras[0].width
     axis_flip = torch.diag(torch.tensor([1.0, -1.0, -1.0, 1.0], dtype=torch.float64))
+    image_centre = torch.tensor([width / 2, height / 2], dtype=torch.float64)
     entries = []
     for index, camera in enumerate(cameras):
-        focal, image_centre = (float(camera.K[0, 0]), float(camera.K[1, 1])), torch.tensor([width / 2, height / 2])
-        is_centred = torch.allclose(
-            camera.K[:2, 2].cpu().double(), image_centre.double(), atol=1e-3 * max(height, width)
-        )
-        same_size_square_pixels = (camera.height, camera.width) == (height, width) and math.isclose(
-            *focal, rel_tol=1e-4
-        )
-        if not (is_centred and same_size_square_pixels):
+        fx, fy = float(camera.K[0, 0]), float(camera.K[1, 1])
+        has_same_size = (camera.height, camera.width) == (height, width)
+        has_square_pixels = math.isclose(fx, fy, rel_tol=1e-4)
+        is_centred = torch.allclose(camera.K[:2, 2].cpu().double(), image_centre, atol=1e-3 * max(height, width))
+        if not (is_centred and has_same_size and has_square_pixels):
             received = "is of another size than the first, or looks past the middle of its image"
             raise InputError(f"camera {index}", received, "give upright pinholes of one size")
         pose = torch.linalg.inv(camera.world_to_camera.cpu().double()) @ axis_flip
-        angle = math.degrees(2 * math.atan(height / (2 * focal[1])))
+        angle = math.degrees(2 * math.atan(height / (2 * fy)))
         entries.append({"camera_to_world": pose.flatten().tolist(), "fov": angle, "aspect": width / height})
     size = {"render_height": height, "render_width": width}
     content = {"camera_type": "perspective", **size, "fps": fps, "seconds": len(cameras) / fps}

@@ -70,8 +70,7 @@ def read_header(path: Path) -> ImageHeader:
         InputError: the file is missing, empty, not an image, or larger than the limit.
     """
     with open_image(path) as image:
-        has_alpha = "A" in image.getbands() or "transparency" in image.info
-        return ImageHeader(image.height, image.width, has_alpha)
+        return ImageHeader(image.height, image.width, _has_alpha(image))
 
 
 def decode(path: Path) -> Float[Tensor, "c h w"]:
@@ -84,9 +83,8 @@ def decode(path: Path) -> Float[Tensor, "c h w"]:
             does not define the value of white.
     """
     with open_image(path) as image, convert_decoder_errors(path, REPLACE):
-        pixels = (
-            _read_16_bit_png(path) if image.format == "PNG" and _is_16_bit(path) else _convert_to_float(path, image)
-        )
+        is_16_bit_png = image.format == "PNG" and _is_16_bit(path)
+        pixels = _read_16_bit_png(path) if is_16_bit_png else _convert_to_float(path, image)
     return torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1)))
 
 
@@ -172,6 +170,10 @@ def open_image(path: Path) -> Image.Image:
     return image
 
 
+def _has_alpha(image: Image.Image) -> bool:
+    return "A" in image.getbands() or "transparency" in image.info
+
+
 def _is_16_bit(path: Path) -> bool:
     """Whether a PNG has 16 bits per channel and colour or alpha, which PIL silently reduces to 8 bits."""
     with path.open("rb") as file:
@@ -193,11 +195,9 @@ def _convert_to_float(path: Path, image: Image.Image) -> np.ndarray:
     if image.mode.startswith("I"):
         values = np.asarray(image).astype(np.int64)
         if values.min() < 0 or values.max() > 65535:
-            raise InputError(
-                path, f"has values {values.min()} to {values.max()}", "save it with 8 or 16 bits a channel"
-            )
+            received = f"has values {values.min()} to {values.max()}"
+            raise InputError(path, received, "save it with 8 or 16 bits a channel")
         return np.repeat((values / 65535).astype(np.float32)[:, :, None], 3, axis=2)
     if image.mode == "F":
         raise InputError(path, "has floating-point pixels, whose white is unknown", "save it as 8- or 16-bit PNG")
-    has_alpha = "A" in image.getbands() or "transparency" in image.info
-    return np.asarray(image.convert("RGBA" if has_alpha else "RGB")).astype(np.float32) / np.float32(255)
+    return np.asarray(image.convert("RGBA" if _has_alpha(image) else "RGB")).astype(np.float32) / np.float32(255)

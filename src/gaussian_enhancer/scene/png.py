@@ -43,18 +43,16 @@ def encode_png(image: UInt8[np.ndarray, "h w 3"]) -> bytes:
     rows_per_strip = max(1, STRIP // rows.shape[1])
     strips = [rows[top : top + rows_per_strip] for top in range(0, height, rows_per_strip)]
     with ThreadPoolExecutor(torch.get_num_threads()) as pool:
-        parts = list(pool.map(_deflate, strips, [strip is strips[-1] for strip in strips]))
-    stream = b"".join([HEADER, *parts, struct.pack(">I", zlib.adler32(rows.data))])
-    header_fields = struct.pack(
-        ">IIBBBBB", width, height, 8, 2, 0, 0, 0
-    )  # 8 bits of red, green and blue, not interlaced
+        deflated_strips = list(pool.map(_deflate, strips, [strip is strips[-1] for strip in strips]))
+    stream = b"".join([HEADER, *deflated_strips, struct.pack(">I", zlib.adler32(rows.data))])
+    header_fields = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)  # 8-bit RGB, not interlaced
     return b"\x89PNG\r\n\x1a\n" + _chunk(b"IHDR", header_fields) + _chunk(b"IDAT", stream) + _chunk(b"IEND", b"")
 
 
-def _deflate(rows: UInt8[np.ndarray, "h _"], last: bool) -> bytes:
+def _deflate(rows: UInt8[np.ndarray, "h _"], is_last: bool) -> bytes:
     """Compress rows to a byte-aligned part of a raw deflate stream; the last part ends the stream."""
     compressor = zlib.compressobj(LEVEL, zlib.DEFLATED, WINDOW, MEMORY, zlib.Z_RLE)
-    return compressor.compress(rows.data) + compressor.flush(zlib.Z_FINISH if last else zlib.Z_SYNC_FLUSH)
+    return compressor.compress(rows.data) + compressor.flush(zlib.Z_FINISH if is_last else zlib.Z_SYNC_FLUSH)
 
 
 def _chunk(kind: bytes, content: bytes) -> bytes:

@@ -146,17 +146,17 @@ def _check_points(points: Points | None, source: Path) -> None:
         return
     is_valid = points.positions.abs().le(FARTHEST_POINT).all(1) & points.colours.isfinite().all(1)
     if not bool(is_valid.all()):
-        count, first = int((~is_valid).sum()), int((~is_valid).nonzero()[0])
-        received = f"has {count} of {len(is_valid)} points that are not finite or too far away (first: {first})"
+        count, first_index = int((~is_valid).sum()), int((~is_valid).nonzero()[0])
+        received = f"has {count} of {len(is_valid)} points that are not finite or too far away (first: {first_index})"
         raise InputError(source, received, "remove those points or reconstruct again")
 
 
-def refuse_or_drop(names: Sequence[str], what: str, source: object, missing: str) -> None:
+def refuse_or_drop(names: Sequence[str], description: str, source: object, missing: str) -> None:
     """Raise an error for incomplete entries unless ``missing`` is "drop".
 
     Args:
         names: names of the incomplete entries.
-        what: description of the entries, for the error.
+        description: the kind of the entries, for the error.
         source: the capture, named in the error.
         missing: "error" or "drop".
 
@@ -167,9 +167,9 @@ def refuse_or_drop(names: Sequence[str], what: str, source: object, missing: str
     if missing not in ("error", "drop"):
         raise InputError("missing", f"is {missing!r}", 'give "error" or "drop"')
     if names and missing == "error":
-        first = ", ".join(sorted(names)[:4]) + (", ..." if len(names) > 4 else "")
+        examples = ", ".join(sorted(names)[:4]) + (", ..." if len(names) > 4 else "")
         remedy = "complete the capture or pass missing=drop (on the command line scene.missing=drop)"
-        raise InputError(source, f"has {len(names)} {what}: {first}", remedy)
+        raise InputError(source, f"has {len(names)} {description}: {examples}", remedy)
 
 
 def lens_at_size(lens: Lens, height: int, width: int, path: Path) -> Lens:
@@ -196,7 +196,7 @@ def evenly_resized(size: tuple[int, int], calibrated: tuple[int, int]) -> bool:
 def _split_of_sides(sides: Sequence[str | None]) -> tuple[tuple[int, ...], tuple[int, ...]] | None:
     if all(side is None for side in sides):
         return None
-    train, test = (tuple(i for i, side in enumerate(sides) if side == part) for part in ("train", "test"))
+    train, test = (tuple(i for i, side in enumerate(sides) if side == split) for split in ("train", "test"))
     return train, test
 
 

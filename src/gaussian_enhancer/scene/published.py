@@ -77,10 +77,8 @@ def missing_parts(path: Path, dataset: str, downscale: int | float = 1) -> tuple
     """
     description = published_dataset(dataset)
     if description.layout == "transforms":
-        required_names = [
-            f"{part}{side}{end}" for side in ("train", "test") for part, end in (("transforms_", ".json"), ("", ""))
-        ]
-        return tuple(path / part for part in required_names if not (path / part).exists())
+        required_paths = (path / name for side in ("train", "test") for name in (f"transforms_{side}.json", side))
+        return tuple(required for required in required_paths if not required.exists())
     images = path / description.photo_folder(downscale)
     missing_model = () if find_model(path) is not None else (path / MODEL_FOLDERS[0],)
     return (*(() if images.is_dir() else (images,)), *missing_model)

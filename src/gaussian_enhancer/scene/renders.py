@@ -13,13 +13,7 @@ from typing import Literal
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.input_files import read_text, reader
-from gaussian_enhancer.scene.cameras import (
-    ListedCamera,
-    cameras_by_stem,
-    read_cameras,
-    write_cameras,
-    write_scene_cameras,
-)
+from gaussian_enhancer.scene.cameras import ListedCamera, cameras_by_stem, read_cameras
 from gaussian_enhancer.scene.depth_files import ReadDepth, depth_size, find_depth
 from gaussian_enhancer.scene.high_resolution import UPSCALE, is_finer, original_size
 from gaussian_enhancer.scene.photos import list_images, read_header
@@ -27,8 +21,6 @@ from gaussian_enhancer.scene.posed import ReadCoverage, ReadPhoto, evenly_resize
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.scene import Scene
 from gaussian_enhancer.types import Camera
-
-__all__ = ["read_folder", "read_run", "run_steps", "write_cameras", "write_scene_cameras"]
 
 Colour = tuple[float, float, float]
 BLACK: Colour = (0.0, 0.0, 0.0)
@@ -93,9 +85,8 @@ def read_run(
     if train_stems and not any(entry.split for entry in cameras):
         references = _rename_references(references)
     if any(view.read_photo is None for view in references):
-        raise InputError(
-            train_folder, "holds renders without gt photos", "render it again with its photos, or pass capture="
-        )
+        remedy = "render it again with its photos, or pass capture="
+        raise InputError(train_folder, "holds renders without gt photos", remedy)
     own_depth = all((root / name).is_file() for name in OWN_RUN_FILES)
     return RenderedSet(name or root.resolve().name, targets, references, background_colour, own_depth)
 
@@ -134,16 +125,15 @@ def read_folder(
             camera in ``cameras``.
     """
     root = Path(renders)
-    files = {path.stem: path for path in _refuse_same_stems(list_images(root))}
-    truth_photos = (
-        {path.stem: path for path in _refuse_same_stems(list_images(Path(photos)))} if photos is not None else {}
-    )
-    named_cameras = cameras_by_stem(read_cameras(Path(cameras)), Path(cameras)) if cameras is not None else None
+    files = _images_by_stem(root)
+    truth_photos = _images_by_stem(Path(photos)) if photos is not None else {}
+    cameras_file = Path(cameras or "")
+    named_cameras = cameras_by_stem(read_cameras(cameras_file), cameras_file) if cameras is not None else None
     depths = Path(depth) if depth is not None else None
     targets = []
     for stem, path in files.items():
         depth_reader = _depth_of(depths, stem, path, depth_scale, needed=True)
-        camera = _camera_of(named_cameras, stem, path, Path(cameras or ""))
+        camera = _camera_of(named_cameras, stem, path, cameras_file)
         targets.append(_view(path, truth_photos.get(stem), depth_reader, None, camera, background, finer))
     if isinstance(references, Scene):
         reference_views = _references(references)
@@ -151,7 +141,7 @@ def read_folder(
         candidates = list_images(Path(references)) if references is not None else list(truth_photos.values())
         reference_files = [path for path in candidates if references is not None or path.stem not in files]
         reference_views = tuple(
-            _reference(p, named_cameras, depths, depth_scale, Path(cameras or ""), background) for p in reference_files
+            _reference(p, named_cameras, depths, depth_scale, cameras_file, background) for p in reference_files
         )
     if finer:
         reference_views = tuple(replace(view, read_fine_photo=view.read_photo) for view in reference_views)
@@ -196,45 +186,44 @@ def _run_of(renders: Path) -> tuple[Path | None, int]:
 
 
 def _stems(side: Path) -> list[str]:
-    return [path.stem for path in _refuse_same_stems(list_images(side / "renders"))]
+    return list(_images_by_stem(side / "renders"))
 
 
-def _refuse_same_stems(paths: list[Path]) -> list[Path]:
-    """Return the files; refuse those that differ only in their ending."""
-    stems: dict[str, Path] = {}
-    for path in paths:
-        if path.stem in stems:
-            raise InputError(path, f"has the name of {stems[path.stem].name}", "keep one image of each name")
-        stems[path.stem] = path
-    return paths
+def _images_by_stem(folder: Path) -> dict[str, Path]:
+    """The images in a folder by name without ending; images that differ only in their ending are refused."""
+    images: dict[str, Path] = {}
+    for path in list_images(folder):
+        if path.stem in images:
+            raise InputError(path, f"has the name of {images[path.stem].name}", "keep one image of each name")
+        images[path.stem] = path
+    return images
 
 
 def _find_folders(side: Path) -> _Folders:
-    optional_folders = {part: side / part if (side / part).is_dir() else None for part in ("gt", "depth", "alpha")}
-    return _Folders(side / "renders", optional_folders["gt"], optional_folders["depth"], optional_folders["alpha"])
+    optional_folders = (side / name for name in ("gt", "depth", "alpha"))
+    return _Folders(side / "renders", *(folder if folder.is_dir() else None for folder in optional_folders))
 
 
 def _match(
-    cameras: tuple[ListedCamera, ...], tests: list[str], trains: list[str], source: Path
+    cameras: tuple[ListedCamera, ...], test_stems: list[str], train_stems: list[str], source: Path
 ) -> tuple[dict[str, Camera], dict[str, Camera]]:
     """Cameras of the test and of the training renders, by stem; both empty if there are no cameras."""
     if not cameras:
         return {}, {}
     if all(entry.split is not None for entry in cameras):
         by_stem = cameras_by_stem(cameras, source)
-        without_camera = [stem for stem in (*tests, *trains) if stem not in by_stem]
+        without_camera = [stem for stem in (*test_stems, *train_stems) if stem not in by_stem]
         if without_camera:
-            raise InputError(
-                source, f"lacks {len(without_camera)} cameras, first {without_camera[0]!r}", "write it again"
-            )
-        return {stem: by_stem[stem] for stem in tests}, {stem: by_stem[stem] for stem in trains}
-    expected = len(tests) + len(trains)
-    if len(cameras) != expected and (trains or len(cameras) < expected):
-        received = f"lists {len(cameras)} cameras for {len(tests)} test and {len(trains)} train renders"
+            received = f"lacks {len(without_camera)} cameras, first {without_camera[0]!r}"
+            raise InputError(source, received, "write it again")
+        return {stem: by_stem[stem] for stem in test_stems}, {stem: by_stem[stem] for stem in train_stems}
+    expected = len(test_stems) + len(train_stems)
+    if len(cameras) != expected and (train_stems or len(cameras) < expected):
+        received = f"lists {len(cameras)} cameras for {len(test_stems)} test and {len(train_stems)} train renders"
         raise InputError(source, received, "use the cameras.json that was written with these renders")
     ordered_cameras = [entry.camera for entry in cameras]
-    test_cameras = dict(zip(tests, ordered_cameras, strict=False))
-    return test_cameras, dict(zip(trains, ordered_cameras[len(tests) :], strict=False))
+    test_cameras = dict(zip(test_stems, ordered_cameras, strict=False))
+    return test_cameras, dict(zip(train_stems, ordered_cameras[len(test_stems) :], strict=False))
 
 
 def _read_split(folders: _Folders, cameras: dict[str, Camera], background: Colour) -> tuple[RenderedView, ...]:
@@ -291,11 +280,11 @@ def _view(
             fine_reader = ReadPhoto(photo, UPSCALE * size[0], UPSCALE * size[1], background)
             fine_size = original_size(photo_size, size)
         else:
-            _same_size(render, size, photo, photo_size)
+            _refuse_other_size(render, size, photo, photo_size)
     if depth is not None:
-        _same_size(render, size, depth.path, depth_size(depth.path))
+        _refuse_other_size(render, size, depth.path, depth_size(depth.path))
     if alpha is not None:
-        _same_size(render, size, alpha, (read_header(alpha).height, read_header(alpha).width))
+        _refuse_other_size(render, size, alpha, (read_header(alpha).height, read_header(alpha).width))
     render_with_alpha = render if header.has_alpha else None
     coverage = alpha if alpha is not None else render_with_alpha
     return RenderedView(
@@ -348,10 +337,10 @@ def _references(capture: Scene | None) -> tuple[RenderedView, ...]:
     return tuple(RenderedView(photo.name, None, photo.camera, read_photo=photo.read) for photo in photos)
 
 
-def _same_size(render: Path, size: tuple[int, int], other: Path, found: tuple[int, int]) -> None:
-    if size != found:
-        received = f"is {found[1]}x{found[0]} but its render {render.name} is {size[1]}x{size[0]}"
-        raise InputError(other, received, "bring both to the same size")
+def _refuse_other_size(render: Path, render_size: tuple[int, int], file: Path, size: tuple[int, int]) -> None:
+    if size != render_size:
+        received = f"is {size[1]}x{size[0]} but its render {render.name} is {render_size[1]}x{render_size[0]}"
+        raise InputError(file, received, "bring both to the same size")
 
 
 def _sized(camera: Camera, size: tuple[int, int], image: Path) -> Camera:

@@ -75,9 +75,8 @@ def scene_from_values(values: Mapping[str, Any]) -> Scene:
     loader = LOADERS.get(name) if isinstance(name, str) else None
     if loader is None:
         loader_names = ", ".join(sorted(target.rsplit(".", 1)[1] for target in LOADERS))
-        raise InputError(
-            "scene._target_", f"is {name!r} in a stored configuration", f"scenes are opened by {loader_names}"
-        )
+        received = f"is {name!r} in a stored configuration"
+        raise InputError("scene._target_", received, f"scenes are opened by {loader_names}")
     arguments = {str(key): _argument(str(key), value) for key, value in values.items() if key != "_target_"}
     validated_loader = validate_call(config=ConfigDict(strict=True, arbitrary_types_allowed=True))(loader)
     try:
@@ -107,7 +106,7 @@ def _part(name: str, value: Any) -> Any:
 
 def _to_input_error(subject: str, error: ValidationError) -> InputError:
     """An `InputError` for users made of pydantic's first error."""
-    first = error.errors(include_url=False)[0]
-    location = ".".join([subject, *(str(part) for part in first["loc"])])
-    received = repr(first.get("input"))[:80]
-    return InputError(location, f"is {received}: {first['msg'].lower()}", "give the run as `fit` wrote it")
+    first_error = error.errors(include_url=False)[0]
+    location = ".".join([subject, *map(str, first_error["loc"])])
+    received = repr(first_error.get("input"))[:80]
+    return InputError(location, f"is {received}: {first_error['msg'].lower()}", "give the run as `fit` wrote it")

@@ -88,7 +88,7 @@ def reconstruct(images: Sequence[UnposedImage], folder: Path, progress: Progress
     return model is not None
 
 
-def _extract(pycolmap: ModuleType, images: Sequence[UnposedImage], work: Path, told: ProgressCallback) -> None:
+def _extract(pycolmap: ModuleType, images: Sequence[UnposedImage], work: Path, report: ProgressCallback) -> None:
     """Write each image and extract its features; images of one size and kind share the camera of the first of them."""
     camera_ids: dict[tuple[tuple[int, ...], bool], int] = {}
     with pycolmap.Database.open(work / "database.db"):
@@ -111,10 +111,10 @@ def _extract(pycolmap: ModuleType, images: Sequence[UnposedImage], work: Path, t
         if group not in camera_ids:
             with pycolmap.Database.open(work / "database.db") as database:
                 camera_ids[group] = database.read_image_with_name(image.name).camera_id
-        told("features", number + 1, len(images))
+        report("features", number + 1, len(images))
 
 
-def _match(pycolmap: ModuleType, images: Sequence[UnposedImage], work: Path, told: ProgressCallback) -> None:
+def _match(pycolmap: ModuleType, images: Sequence[UnposedImage], work: Path, report: ProgressCallback) -> None:
     """Match each photo with all earlier photos and each render with all photos; verify the pairs' two-view geometry."""
     photos = [image for image in images if not image.render]
     verification_settings = pycolmap.TwoViewGeometryOptions()
@@ -129,10 +129,10 @@ def _match(pycolmap: ModuleType, images: Sequence[UnposedImage], work: Path, tol
         pycolmap.match_image_pairs(
             work / "database.db", pairing_options=pairing_settings, verification_options=verification_settings
         )
-        told("matches", start + len(lines), len(pairs))
+        report("matches", start + len(lines), len(pairs))
 
 
-def _map_incrementally(pycolmap: ModuleType, count: int, work: Path, told: ProgressCallback) -> Any:
+def _map_incrementally(pycolmap: ModuleType, count: int, work: Path, report: ProgressCallback) -> Any:
     """The largest model found by incremental mapping; None if there is none."""
     options = pycolmap.IncrementalPipelineOptions()
     options.min_model_size, options.num_threads, options.random_seed = MIN_IMAGES, 1, SEED
@@ -144,7 +144,7 @@ def _map_incrementally(pycolmap: ModuleType, count: int, work: Path, told: Progr
         work,
         work / "sparse",
         options,
-        next_image_callback=lambda: told("cameras", min(next(image_counter), count), count),
+        next_image_callback=lambda: report("cameras", min(next(image_counter), count), count),
     )
     return max(models.values(), key=lambda model: model.num_reg_images(), default=None)
 

@@ -133,18 +133,18 @@ class Transfer:
         raise InputError(self.archive.url, received, remedy + alternative)
 
 
-def check_room(folder: Path, needed: int, what: str) -> None:
+def check_room(folder: Path, needed: int, subject: str) -> None:
     """Refuse a download that does not fit on the disk.
 
     Args:
         folder: a folder on the target disk.
         needed: bytes required.
-        what: name of the data, for the error.
+        subject: name of the data, for the error.
 
     Raises:
         InputError: fewer bytes are free.
     """
     free = shutil.disk_usage(folder).free
     if needed > free:
-        received = f"has {free / 1e9:.2f} GB free where {what} needs {needed / 1e9:.2f} GB"
+        received = f"has {free / 1e9:.2f} GB free where {subject} needs {needed / 1e9:.2f} GB"
         raise InputError(folder, received, "free some space or choose another folder=")

@@ -164,7 +164,7 @@ def read_pose(record: Any, key: str, where: str) -> Float[Tensor, "4 4"]:
         where: description of the object, named in errors.
 
     Raises:
-        InputError: the matrix is missing, malformed, singular or not finite, or a value exceeds `FARTHEST`.
+        InputError: the matrix is missing, malformed, singular or not finite, or a value exceeds `MAX_POSE_VALUE`.
     """
     try:
         matrix = np.array(get_member(record, key, where), dtype=np.float64)
@@ -241,9 +241,8 @@ def _with_listed_sides(files: list[PosedFile], content: dict[str, Any], source: 
     if not listed_sides:
         return files
     if len(listed_sides) == 1:
-        raise InputError(
-            source, f"has {listed_sides[0]}_filenames alone", "give train_filenames and test_filenames, or neither"
-        )
+        received = f"has {listed_sides[0]}_filenames alone"
+        raise InputError(source, received, "give train_filenames and test_filenames, or neither")
     sides: dict[str, Side] = {}
     for side in ("train", "test"):
         names = content[f"{side}_filenames"]
@@ -269,5 +268,5 @@ def _ply_points(root: Path, content: dict[str, Any]) -> Points | None:
     properties = ("x", "y", "z", "red", "green", "blue")
     if vertex is None or not set(properties) <= set(vertex.dtype.names or ()):
         raise InputError(path, f"is no intact point cloud: it lacks one of {', '.join(properties)}", "write it again")
-    positions, colours = (np.stack([vertex[name] for name in part], 1) for part in (properties[:3], properties[3:]))
+    positions, colours = (np.stack([vertex[name] for name in names], 1) for names in (properties[:3], properties[3:]))
     return Points.of_arrays(positions, colours)

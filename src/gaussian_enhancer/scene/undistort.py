@@ -90,11 +90,8 @@ class Lens:
         if not camera.verify_params():
             received = f"has {len(self.params)} parameters for {self.model} ({camera.params_info})"
             raise InputError(self.source, received, "give one value for each")
-        focal, centre = (
-            (camera.focal_length_x, camera.focal_length_y),
-            (camera.principal_point_x, camera.principal_point_y),
-        )
-        return focal, centre
+        focal = camera.focal_length_x, camera.focal_length_y
+        return focal, (camera.principal_point_x, camera.principal_point_y)
 
     @property
     def colmap(self) -> "pycolmap.Camera":

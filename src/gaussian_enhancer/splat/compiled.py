@@ -80,10 +80,10 @@ def exp2_nonpositive(t: np.float32) -> np.float32:
     Below 2^-126, and for NaN, the result is 2^-126.
     """
     t = max(t, _LOWEST)
-    whole = np.int32(t - _HALF)
-    f = t - _F(whole)
-    power = np.int32((whole + _BIAS) << _MANTISSA).view(np.float32)
-    return power * (_C0 + f * (_C1 + f * (_C2 + f * (_C3 + f * (_C4 + f * _C5)))))
+    exponent = np.int32(t - _HALF)
+    fraction = t - _F(exponent)
+    power = np.int32((exponent + _BIAS) << _MANTISSA).view(np.float32)
+    return power * (_C0 + fraction * (_C1 + fraction * (_C2 + fraction * (_C3 + fraction * (_C4 + fraction * _C5)))))
 
 
 @inner

@@ -64,7 +64,7 @@ def project_disks(shape: Shape, view: View) -> Disks:
 
 
 def project_disks_backward(
-    shape: Shape, view: View, wanted: Bool[np.ndarray, " n"], image: Float32[np.ndarray, "n 20"]
+    shape: Shape, view: View, visible: Bool[np.ndarray, " n"], gradients: Float32[np.ndarray, "n 20"]
 ) -> ShapeGradient:
     """Gradients with respect to the disks' parameters, from the gradients that the rasteriser returns.
 
@@ -73,11 +73,11 @@ def project_disks_backward(
     Args:
         shape: as in `project_disks`.
         view: as in `project_disks`.
-        wanted: mask of the Gaussians that some tile lists; the others' gradients are 0.
-        image: result of `splat.raster_disks.blend_disks_backward`, summed over tiles.
+        visible: mask of the Gaussians that some tile lists; the others' gradients are 0.
+        gradients: result of `splat.raster_disks.blend_disks_backward`, summed over tiles.
     """
     with kernel_lock:
-        return ShapeGradient(*_project_backward(shape, view, wanted, image))
+        return ShapeGradient(*_project_backward(shape, view, visible, gradients))
 
 
 @inner
@@ -136,10 +136,10 @@ def _footprint(x, y, a, b, w, square):  # type: ignore[no-untyped-def]
     sxx = square * (a[0] * a[0] + a[1] * a[1]) / k + mx * mx
     sxy = square * (a[0] * b[0] + a[1] * b[1]) / k + mx * my
     syy = square * (b[0] * b[0] + b[1] * b[1]) / k + my * my
-    least = (math.sqrt(0.5 * square) + math.sqrt(mx * mx + my * my)) ** 2
+    smallest_square = (math.sqrt(0.5 * square) + math.sqrt(mx * mx + my * my)) ** 2
     middle, half = 0.5 * (sxx + syy), 0.5 * (sxx - syy)
     spread = math.sqrt(half * half + sxy * sxy)
-    long, short = max(middle + spread, least), max(middle - spread, least)
+    long, short = max(middle + spread, smallest_square), max(middle - spread, smallest_square)
     turn = 0.5 * (long - short) / spread if spread > 0.0 else 0.0
     sxx, sxy, syy = 0.5 * (long + short) + turn * half, turn * sxy, 0.5 * (long + short) - turn * half
     return x + mx, y + my, math.sqrt(sxx) + 1e-9, math.sqrt(syy) + 1e-9, sxy / sxx, math.sqrt(long * short / sxx)
@@ -170,50 +170,50 @@ def _project(shape, view):  # type: ignore[no-untyped-def]
             geometry[g, 6] = determinant * factor
             geometry[g, 7], geometry[g, 8] = (w[0] * b[1] - w[1] * b[0]) * factor, (a[0] * w[1] - a[1] * w[0]) * factor
             peaks[g] = math.log2(opacity)
-            towards = -1.0 if axes[0][2] * p[0] + axes[1][2] * p[1] + axes[2][2] * p[2] > 0.0 else 1.0
+            facing_sign = -1.0 if axes[0][2] * p[0] + axes[1][2] * p[1] + axes[2][2] * p[2] > 0.0 else 1.0
             for r in range(3):
-                normals[g, r] = towards * axes[r][2]
+                normals[g, r] = facing_sign * axes[r][2]
     return footprints, geometry, peaks, depths, normals
 
 
 @inner
-def _tangents_backward(p, axes, view, planes, image, g):  # type: ignore[no-untyped-def]
+def _tangents_backward(p, axes, view, planes, gradients, g):  # type: ignore[no-untyped-def]
     """Gradients of the camera-space centre, of both unit tangents (x, y, z) and of both log scales."""
     (su, sv), a, b, w, determinant, factor = planes
     z = p[2]
     px, py = p[0] / z, p[1] / z
-    g0 = factor * (image[g, 9] + z * image[g, 12])
-    g1, g2 = factor * image[g, 10], factor * image[g, 11]
-    gau = -factor * image[g, 8] + g0 * b[1] + g2 * w[1]
-    gav = factor * image[g, 6] - g0 * b[0] - g2 * w[0]
-    gbu = factor * image[g, 7] - g0 * a[1] - g1 * w[1]
-    gbv = -factor * image[g, 5] + g0 * a[0] + g1 * w[0]
+    g0 = factor * (gradients[g, 9] + z * gradients[g, 12])
+    g1, g2 = factor * gradients[g, 10], factor * gradients[g, 11]
+    gau = -factor * gradients[g, 8] + g0 * b[1] + g2 * w[1]
+    gav = factor * gradients[g, 6] - g0 * b[0] - g2 * w[0]
+    gbu = factor * gradients[g, 7] - g0 * a[1] - g1 * w[1]
+    gbv = -factor * gradients[g, 5] + g0 * a[0] + g1 * w[0]
     gwu = g1 * b[1] - g2 * a[1] + view.fx * px * gau + view.fy * py * gbu
     gwv = -g1 * b[0] + g2 * a[0] + view.fx * px * gav + view.fy * py * gbv
     gu = -su * view.fx * gau, -su * view.fy * gbu, su * gwu
     gv = -sv * view.fx * gav, -sv * view.fy * gbv, sv * gwv
     scale_u = gu[0] * axes[0][0] + gu[1] * axes[1][0] + gu[2] * axes[2][0]
     scale_v = gv[0] * axes[0][1] + gv[1] * axes[1][1] + gv[2] * axes[2][1]
-    gx = view.fx * (gau * w[0] + gav * w[1] + image[g, 3])
-    gy = view.fy * (gbu * w[0] + gbv * w[1] + image[g, 4])
-    gz = image[g, 13] + determinant * factor * image[g, 12] - (scale_u + scale_v + gx * px + gy * py) / z
+    gx = view.fx * (gau * w[0] + gav * w[1] + gradients[g, 3])
+    gy = view.fy * (gbu * w[0] + gbv * w[1] + gradients[g, 4])
+    gz = gradients[g, 13] + determinant * factor * gradients[g, 12] - (scale_u + scale_v + gx * px + gy * py) / z
     return (gx / z, gy / z, gz), gu, gv, (scale_u, scale_v)
 
 
 @kernel
-def _project_backward(shape, view, wanted, image):  # type: ignore[no-untyped-def]
+def _project_backward(shape, view, visible, gradients):  # type: ignore[no-untyped-def]
     n = len(shape.means)
     means, log_scales = np.zeros((n, 3), np.float32), np.zeros((n, 2), np.float32)
     quaternions, logits = np.zeros((n, 4), np.float32), np.zeros(n, np.float32)
     for g in prange(n):
-        if wanted[g]:
+        if visible[g]:
             p, axes, unit, length = _frame(shape, g, view)
             planes = _planes(shape, g, view, p, axes)
-            gp, gu, gv, scales = _tangents_backward(p, axes, view, planes, image, g)
-            logits[g] = image[g, 14] / (1.0 + math.exp(np.float64(shape.opacity_logits[g])))
+            gp, gu, gv, scales = _tangents_backward(p, axes, view, planes, gradients, g)
+            logits[g] = gradients[g, 14] / (1.0 + math.exp(np.float64(shape.opacity_logits[g])))
             log_scales[g, 0], log_scales[g, 1] = scales
-            towards = -1.0 if axes[0][2] * p[0] + axes[1][2] * p[1] + axes[2][2] * p[2] > 0.0 else 1.0
-            gn = towards * image[g, 15], towards * image[g, 16], towards * image[g, 17]
+            facing_sign = -1.0 if axes[0][2] * p[0] + axes[1][2] * p[1] + axes[2][2] * p[2] > 0.0 else 1.0
+            gn = facing_sign * gradients[g, 15], facing_sign * gradients[g, 16], facing_sign * gradients[g, 17]
             W = view.rotation
             rows = (
                 _column(W, 0, gu, gv, gn),

@@ -25,7 +25,7 @@ from gaussian_enhancer.splat.compiled import ALPHA_MIN, inner, kernel, kernel_lo
 from gaussian_enhancer.types import Camera
 
 _LARGEST = 1e100  # of |x| + |y| + det; beyond it a Gaussian counts as not finite
-_WHITENING_SCALE = math.sqrt(0.5 * math.log2(math.e))  # exp(-q/2) = 2^-(WHITE^2 q)
+_WHITENING_SCALE = math.sqrt(0.5 * math.log2(math.e))  # exp(-q/2) = 2^-(scale^2 q)
 
 
 class View(NamedTuple):
@@ -180,8 +180,8 @@ def _scales(shape, g, mip):  # type: ignore[no-untyped-def]
     if not mip:
         return s, s, 1.0
     f = np.float64(shape.smoothing[g])
-    wide = math.sqrt(s[0] * s[0] + f * f), math.sqrt(s[1] * s[1] + f * f), math.sqrt(s[2] * s[2] + f * f)
-    return s, wide, (s[0] / wide[0]) * (s[1] / wide[1]) * (s[2] / wide[2])
+    filtered = math.sqrt(s[0] * s[0] + f * f), math.sqrt(s[1] * s[1] + f * f), math.sqrt(s[2] * s[2] + f * f)
+    return s, filtered, (s[0] / filtered[0]) * (s[1] / filtered[1]) * (s[2] / filtered[2])
 
 
 @inner
@@ -199,12 +199,12 @@ def ellipse_of(shape, g, view, dilation, mip):  # type: ignore[no-untyped-def]
     length = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
     unit = qw / length, qx / length, qy / length, qz / length
     R = rotation_of(unit[0], unit[1], unit[2], unit[3])
-    s, wide, factor = _scales(shape, g, mip)
+    s, filtered, factor = _scales(shape, g, mip)
     p1 = linear_combination(t1[0], R[0], t1[1], R[1])
     p2 = linear_combination(t2[0], R[0], t2[1], R[1])
     p1, p2 = linear_combination(1.0, p1, t1[2], R[2]), linear_combination(1.0, p2, t2[2], R[2])
-    m1 = p1[0] * wide[0], p1[1] * wide[1], p1[2] * wide[2]
-    m2 = p2[0] * wide[0], p2[1] * wide[1], p2[2] * wide[2]
+    m1 = p1[0] * filtered[0], p1[1] * filtered[1], p1[2] * filtered[2]
+    m2 = p2[0] * filtered[0], p2[1] * filtered[1], p2[2] * filtered[2]
     normal = cross(m1, m2)
     raw = dot(normal, normal)
     xx, yy, xy = dot(m1, m1), dot(m2, m2), dot(m1, m2)
@@ -212,7 +212,7 @@ def ellipse_of(shape, g, view, dilation, mip):  # type: ignore[no-untyped-def]
     if mip:
         factor *= math.sqrt(raw / det)
     covariance = xx + dilation, yy + dilation, xy, raw, det
-    return (x, y, z), tangents, (t1, t2), (unit, length, R), (s, wide, p1, p2), (m1, m2, normal), covariance, factor
+    return (x, y, z), tangents, (t1, t2), (unit, length, R), (s, filtered, p1, p2), (m1, m2, normal), covariance, factor
 
 
 @inner

@@ -39,8 +39,8 @@ def project_backward(
     view: View,
     dilation: float,
     mip: bool,
-    wanted: Bool[np.ndarray, " n"],
-    image: Float32[np.ndarray, "n 16"],
+    visible: Bool[np.ndarray, " n"],
+    gradients: Float32[np.ndarray, "n 16"],
 ) -> ShapeGradient:
     """Gradients with respect to the Gaussians' parameters, from the gradients that the rasteriser returns.
 
@@ -49,21 +49,21 @@ def project_backward(
         view: as in `project`.
         dilation: as in `project`.
         mip: as in `project`.
-        wanted: mask of the Gaussians that some tile lists; the others' gradients are 0.
-        image: result of `splat.raster.blend_backward`, summed over tiles.
+        visible: mask of the Gaussians that some tile lists; the others' gradients are 0.
+        gradients: result of `splat.raster.blend_backward`, summed over tiles.
     """
     with kernel_lock:
-        return ShapeGradient(*_project_backward(shape, view, dilation, mip, wanted, image))
+        return ShapeGradient(*_project_backward(shape, view, dilation, mip, visible, gradients))
 
 
 def screen_gradients(
-    whitening: Float64[np.ndarray, "n 5"], image: Float32[np.ndarray, "n 16"]
+    whitening: Float64[np.ndarray, "n 5"], gradients: Float32[np.ndarray, "n 16"]
 ) -> Float32[np.ndarray, "n 2"]:
     """Gradient with respect to the 2D mean in pixels."""
     a, b, c, d = whitening[:, :4].T
-    hu, hv = image[:, 5], image[:, 6]
-    gradients = np.stack([a * hu + c * hv, b * hu + d * hv], axis=1) * (2.0 * math.log(2.0))
-    return gradients.astype(np.float32)
+    hu, hv = gradients[:, 5], gradients[:, 6]
+    by_mean = np.stack([a * hu + c * hv, b * hu + d * hv], axis=1) * _NATURAL
+    return by_mean.astype(np.float32)
 
 
 @inner
@@ -90,9 +90,9 @@ def _quaternion_gradient(unit, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _turn_gradients(wide, y1, y2, z1, z2, p1, p2, f1, f2):  # type: ignore[no-untyped-def]
+def _turn_gradients(filtered, y1, y2, z1, z2, p1, p2, f1, f2):  # type: ignore[no-untyped-def]
     """Gradients of rotations about the Gaussian's three axes; f1 and f2 are gradients of M's rows beyond H's."""
-    s0, s1, s2 = wide
+    s0, s1, s2 = filtered
     x = (s1 * s1 - s2 * s2) * (y1[1] * z1[2] + y2[1] * z2[2])
     y = (s2 * s2 - s0 * s0) * (y1[2] * z1[0] + y2[2] * z2[0])
     z = (s0 * s0 - s1 * s1) * (y1[0] * z1[1] + y2[0] * z2[1])
@@ -125,21 +125,21 @@ def _centre_backward(point, tangents, gt1, gt2, g_pixel, g_depth, view):  # type
 
 
 @kernel
-def _project_backward(shape, view, dilation, mip, wanted, image):  # type: ignore[no-untyped-def]
+def _project_backward(shape, view, dilation, mip, visible, gradients):  # type: ignore[no-untyped-def]
     n = len(shape.means)
     means = np.zeros((n, 3), np.float32)
     log_scales = np.zeros((n, 3), np.float32)
     quaternions = np.zeros((n, 4), np.float32)
     logits = np.zeros(n, np.float32)
     for g in prange(n):
-        if wanted[g]:
-            point, tangents, _, (unit, length, R), (s, wide, p1, p2), (m1, m2, normal), covariance, _ = ellipse_of(
+        if visible[g]:
+            point, tangents, _, (unit, length, R), (s, filtered, p1, p2), (m1, m2, normal), covariance, _ = ellipse_of(
                 shape, g, view, dilation, mip
             )
             a, b, c, d = whitening_of(covariance[0], covariance[1], covariance[2], covariance[4])
-            h = np.float64(image[g, 4])
+            h = np.float64(gradients[g, 4])
             logits[g] = h / (1.0 + math.exp(np.float64(shape.opacity_logits[g])))
-            uu, uv, vv = _NATURAL * image[g, 7], _NATURAL * image[g, 8], _NATURAL * image[g, 9]
+            uu, uv, vv = _NATURAL * gradients[g, 7], _NATURAL * gradients[g, 8], _NATURAL * gradients[g, 9]
             y1, y2 = linear_combination(a, p1, b, p2), linear_combination(c, p1, d, p2)
             z1, z2 = linear_combination(uu, y1, uv, y2), linear_combination(uv, y1, vv, y2)
             f1 = f2 = (0.0, 0.0, 0.0)
@@ -147,25 +147,25 @@ def _project_backward(shape, view, dilation, mip, wanted, image):  # type: ignor
                 f1, f2 = _filter_rows(h, m1, m2, normal, covariance, dilation)
             r1, r2 = linear_combination(a, z1, c, z2), linear_combination(b, z1, d, z2)
             n1 = (
-                wide[0] * (wide[0] * r1[0] + f1[0]), wide[1] * (wide[1] * r1[1] + f1[1]),
-                wide[2] * (wide[2] * r1[2] + f1[2]),
+                filtered[0] * (filtered[0] * r1[0] + f1[0]), filtered[1] * (filtered[1] * r1[1] + f1[1]),
+                filtered[2] * (filtered[2] * r1[2] + f1[2]),
             )  # fmt: skip
             n2 = (
-                wide[0] * (wide[0] * r2[0] + f2[0]), wide[1] * (wide[1] * r2[1] + f2[1]),
-                wide[2] * (wide[2] * r2[2] + f2[2]),
+                filtered[0] * (filtered[0] * r2[0] + f2[0]), filtered[1] * (filtered[1] * r2[1] + f2[1]),
+                filtered[2] * (filtered[2] * r2[2] + f2[2]),
             )  # fmt: skip
             for k in range(3):
-                keep = (s[k] / wide[k]) ** 2
-                by_width = wide[k] * (wide[k] * (y1[k] * z1[k] + y2[k] * z2[k]) + f1[k] * p1[k] + f2[k] * p2[k])
-                log_scales[g, k] = keep * by_width + h * (1.0 - keep)
-            x, y, z = _turn_gradients(wide, y1, y2, z1, z2, p1, p2, f1, f2)
-            turned = _quaternion_gradient(unit, x, y, z)
+                variance_ratio = (s[k] / filtered[k]) ** 2
+                by_width = filtered[k] * (filtered[k] * (y1[k] * z1[k] + y2[k] * z2[k]) + f1[k] * p1[k] + f2[k] * p2[k])
+                log_scales[g, k] = variance_ratio * by_width + h * (1.0 - variance_ratio)
+            x, y, z = _turn_gradients(filtered, y1, y2, z1, z2, p1, p2, f1, f2)
+            by_quaternion = _quaternion_gradient(unit, x, y, z)
             for k in range(4):
-                quaternions[g, k] = turned[k] / length
-            hu, hv = math.sqrt(_NATURAL) * image[g, 5], math.sqrt(_NATURAL) * image[g, 6]
+                quaternions[g, k] = by_quaternion[k] / length
+            hu, hv = math.sqrt(_NATURAL) * gradients[g, 5], math.sqrt(_NATURAL) * gradients[g, 6]
             pixel = a * hu + c * hv, b * hu + d * hv
             gt1, gt2 = (dot(R[0], n1), dot(R[1], n1), dot(R[2], n1)), (dot(R[0], n2), dot(R[1], n2), dot(R[2], n2))
-            x, y, z = _centre_backward(point, tangents, gt1, gt2, pixel, np.float64(image[g, 3]), view)
+            x, y, z = _centre_backward(point, tangents, gt1, gt2, pixel, np.float64(gradients[g, 3]), view)
             W = view.rotation
             means[g, 0] = W[0, 0] * x + W[1, 0] * y + W[2, 0] * z
             means[g, 1] = W[0, 1] * x + W[1, 1] * y + W[2, 1] * z

@@ -17,10 +17,9 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.optional_library import optional_library
 from gaussian_enhancer.splat.filters import apply_3d_filter
 from gaussian_enhancer.splat.methods import Method, MipSplatting, TwoDGS
+from gaussian_enhancer.splat.oracle import DEPTH_ALPHA_MIN
 from gaussian_enhancer.splat.screen import ScreenStatistics
 from gaussian_enhancer.types import Camera, Gaussians, Render
-
-_MIN_DEPTH_ALPHA = 1e-3
 
 
 def render_gsplat(
@@ -55,15 +54,15 @@ def render_gsplat(
         # gsplat returns normals in world axes, and a median depth even where alpha is below one half.
         median = torch.where(alphas[0] >= 0.5, medians[0], 0.0).detach()
         unit = torch.nn.functional.normalize(world_normals[0] @ camera.rotation.to(planes).T, dim=-1)
-        normals = torch.where(alphas[0] >= _MIN_DEPTH_ALPHA, unit, 0.0)
+        normals = torch.where(alphas[0] >= DEPTH_ALPHA_MIN, unit, 0.0)
     else:
         mode = "antialiased" if isinstance(method, MipSplatting) else "classic"
         arguments |= {"eps2d": method.dilation, "rasterize_mode": mode}
         planes, alphas, meta = gsplat.rasterization(**arguments)
     if screen is not None:
-        _fill(screen, meta, planes, isinstance(method, TwoDGS))
+        _record_statistics(screen, meta, planes, isinstance(method, TwoDGS))
     colour = planes[0, ..., :3] + (1 - alphas[0]) * planes.new_tensor(background)
-    depth = torch.where(alphas[0] >= _MIN_DEPTH_ALPHA, planes[0, ..., 3:], 0.0)
+    depth = torch.where(alphas[0] >= DEPTH_ALPHA_MIN, planes[0, ..., 3:], 0.0)
     images = (colour, depth, alphas[0], median, normals)
     return Render(*(None if image is None else image.permute(2, 0, 1) for image in images))  # type: ignore[arg-type]
 
@@ -92,15 +91,15 @@ def _arguments(gaussians: Gaussians, camera: Camera, method: Method, near: float
     }
 
 
-def _fill(screen: ScreenStatistics, meta: dict[str, Any], planes: Tensor, disks: bool) -> None:
+def _record_statistics(screen: ScreenStatistics, meta: dict[str, Any], planes: Tensor, disks: bool) -> None:
     """Set the visibility now, and register a hook by which the backward sets the gradients."""
     screen.visible = (meta["radii"][0] > 0).all(-1)
     screen.gradient = None
-    source = meta["gradient_2dgs" if disks else "means2d"]
-    if not (source.requires_grad and planes.grad_fn):
+    projected_means = meta["gradient_2dgs" if disks else "means2d"]
+    if not (projected_means.requires_grad and planes.grad_fn):
         return
 
-    def fill(gradient: Tensor) -> None:
+    def record_gradient(gradient: Tensor) -> None:
         screen.gradient = gradient[0].norm(dim=-1)
 
-    source.register_hook(fill)
+    projected_means.register_hook(record_gradient)

@@ -1,7 +1,7 @@
 """Sixteen float32 numbers as one value in compiled kernels: a vector register, or as many as the processor needs.
 
 LLVM vectorises a plain loop only if it can analyse it, and keeps the loop's sums in registers only until the loop ends.
-With an explicit vector type, sums stay in registers across loops: ``v = load(array, at) * 2``, ``total += v``.
+With an explicit vector type, sums stay in registers across loops: ``v = load(array, start) * 2``, ``total += v``.
 """
 
 from collections.abc import Callable
@@ -50,13 +50,13 @@ def _broadcast(builder: Any, value: Any) -> Any:
     return builder.shuffle_vector(vector, vector, ir.Constant(ir.VectorType(ir.IntType(32), COUNT), [0] * COUNT))
 
 
-def _place(context: Any, builder: Any, kind: Any, array: Any, at: Any) -> Any:
+def _vector_pointer(context: Any, builder: Any, kind: Any, array: Any, start: Any) -> Any:
     """Pointer to the vector that begins at an element of a float32 array."""
     data = context.make_array(kind)(context, builder, array).data
-    return builder.bitcast(builder.gep(data, [at]), _FLOATS.as_pointer())
+    return builder.bitcast(builder.gep(data, [start]), _FLOATS.as_pointer())
 
 
-def _row(context: Any, builder: Any, kind: Any, array: Any, row: Any) -> Any:
+def _row_pointer(context: Any, builder: Any, kind: Any, array: Any, row: Any) -> Any:
     """Pointer to a row's first element."""
     array_struct = context.make_array(kind)(context, builder, array)
     return cgutils.get_item_pointer(context, builder, kind, array_struct, [row, context.get_constant(types.intp, 0)])
@@ -67,8 +67,8 @@ def _operator(symbol: Callable[..., Any], instruction: str) -> None:
 
     @intrinsic  # type: ignore[untyped-decorator]
     def apply(typing: Any, a: Any, b: Any) -> Any:
-        def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-            left, right = (_broadcast(builder, value) for value in given)
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            left, right = (_broadcast(builder, value) for value in arguments)
             return getattr(builder, instruction)(left, right, flags=_FLAGS)
 
         return lanes(a, b), generate
@@ -87,23 +87,23 @@ for _symbol, _instruction in ((add, "fadd"), (sub, "fsub"), (mul, "fmul"), (true
 @intrinsic  # type: ignore[untyped-decorator]
 def broadcast(typing: Any, value: Any) -> Any:
     """The same float32 in every lane."""
-    return lanes(types.float32), lambda context, builder, signature, given: _broadcast(builder, given[0])
+    return lanes(types.float32), lambda context, builder, signature, arguments: _broadcast(builder, arguments[0])
 
 
 @intrinsic  # type: ignore[untyped-decorator]
 def lane_indices(typing: Any) -> Any:
     """0, 1, 2, ... 15."""
     numbers = ir.Constant(_FLOATS, [float(k) for k in range(COUNT)])
-    return lanes(), lambda context, builder, signature, given: numbers
+    return lanes(), lambda context, builder, signature, arguments: numbers
 
 
 @intrinsic  # type: ignore[untyped-decorator]
 def prefetch(typing: Any, array: Any, row: Any) -> Any:
     """Prefetch the first cache line of a row."""
 
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
-        address = builder.bitcast(_row(context, builder, signature.args[0], given[0], given[1]), byte)
+        address = builder.bitcast(_row_pointer(context, builder, signature.args[0], arguments[0], arguments[1]), byte)
         kind = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
         function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
         builder.call(function, [address, word(0), word(3), word(1)])
@@ -113,24 +113,24 @@ def prefetch(typing: Any, array: Any, row: Any) -> Any:
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def load(typing: Any, array: Any, at: Any) -> Any:
-    """Load sixteen elements of a contiguous float32 array from ``at`` on.
+def load(typing: Any, array: Any, start: Any) -> Any:
+    """Load sixteen elements of a contiguous float32 array from ``start`` on.
 
-    The array must begin on a cache line, and ``at`` must be a multiple of 16.
+    The array must begin on a cache line, and ``start`` must be a multiple of 16.
     """
 
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        return builder.load(_place(context, builder, signature.args[0], *given), align=64)
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.load(_vector_pointer(context, builder, signature.args[0], *arguments), align=64)
 
     return lanes(array, types.intp), generate
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def store(typing: Any, array: Any, at: Any, value: Any) -> Any:
+def store(typing: Any, array: Any, start: Any, value: Any) -> Any:
     """Store a vector where `load` would read it."""
 
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        builder.store(given[2], _place(context, builder, signature.args[0], *given[:2]), align=64)
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        builder.store(arguments[2], _vector_pointer(context, builder, signature.args[0], *arguments[:2]), align=64)
         return context.get_dummy_value()
 
     return types.void(array, types.intp, lanes), generate
@@ -140,8 +140,8 @@ def store(typing: Any, array: Any, at: Any, value: Any) -> Any:
 def select_less(typing: Any, a: Any, b: Any, yes: Any, no: Any) -> Any:
     """``yes if a < b else no`` lane by lane; NaN is not less. Each argument may be a vector or a float32."""
 
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        left, right, first, second = (_broadcast(builder, value) for value in given)
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        left, right, first, second = (_broadcast(builder, value) for value in arguments)
         return builder.select(builder.fcmp_ordered("<", left, right), first, second)
 
     return lanes(a, b, yes, no), generate
@@ -157,8 +157,8 @@ def minimum(a, b):  # type: ignore[no-untyped-def]
 def magnitude(typing: Any, value: Any) -> Any:
     """Absolute value."""
 
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        bits = builder.and_(builder.bitcast(given[0], _INTEGERS), _constant(0x7FFFFFFF, _INTEGERS))
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        bits = builder.and_(builder.bitcast(arguments[0], _INTEGERS), _constant(0x7FFFFFFF, _INTEGERS))
         return builder.bitcast(bits, _FLOATS)
 
     return lanes(lanes), generate
@@ -171,14 +171,14 @@ _POLYNOMIAL = (0.00132765, 0.00967554, 0.05550713, 0.2402212, 0.69314697, 1.0000
 def exp2_of(typing: Any, value: Any) -> Any:
     """2^t for t in [-126, 0], undefined elsewhere; by the polynomial of `splat.compiled.exp2_nonpositive`."""
 
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        (t,) = given
-        whole = builder.fptosi(builder.fsub(t, _constant(0.5)), _INTEGERS)
-        fraction = builder.fsub(t, builder.sitofp(whole, _FLOATS), flags=_FLAGS)
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        (t,) = arguments
+        exponent = builder.fptosi(builder.fsub(t, _constant(0.5)), _INTEGERS)
+        fraction = builder.fsub(t, builder.sitofp(exponent, _FLOATS), flags=_FLAGS)
         result = _constant(_POLYNOMIAL[0])
         for coefficient in _POLYNOMIAL[1:]:
             result = builder.fadd(builder.fmul(result, fraction, flags=_FLAGS), _constant(coefficient), flags=_FLAGS)
-        power = builder.shl(builder.add(whole, _constant(127, _INTEGERS)), _constant(23, _INTEGERS))
+        power = builder.shl(builder.add(exponent, _constant(127, _INTEGERS)), _constant(23, _INTEGERS))
         return builder.fmul(result, builder.bitcast(power, _FLOATS), flags=_FLAGS)
 
     return lanes(lanes), generate
@@ -191,16 +191,16 @@ def store_sums(typing: Any, array: Any, row: Any, vectors: Any) -> Any:
     Vectors are added in pairs: after four such steps the lanes of one vector hold the sums of all 16.
     """
 
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        address = _row(context, builder, signature.args[0], given[0], given[1])
-        parts = [builder.extract_value(given[2], k) for k in range(len(signature.args[2]))]
-        parts += [_constant(0.0)] * (COUNT - len(parts))
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        address = _row_pointer(context, builder, signature.args[0], arguments[0], arguments[1])
+        sums = [builder.extract_value(arguments[2], k) for k in range(len(signature.args[2]))]
+        sums += [_constant(0.0)] * (COUNT - len(sums))
         for width in (8, 4, 2, 1):
             # Adds lanes whose indices differ by `width`; sums of the second vector fill the lanes that become free.
             low = [i if not i & width else COUNT + i - width for i in range(COUNT)]
             high = [i + width if not i & width else COUNT + i for i in range(COUNT)]
-            parts = [_folded(builder, parts[k], parts[k + len(parts) // 2], low, high) for k in range(len(parts) // 2)]
-        builder.store(parts[0], builder.bitcast(address, _FLOATS.as_pointer()), align=4)
+            sums = [_folded(builder, sums[k], sums[k + len(sums) // 2], low, high) for k in range(len(sums) // 2)]
+        builder.store(sums[0], builder.bitcast(address, _FLOATS.as_pointer()), align=4)
         return context.get_dummy_value()
 
     return types.void(array, types.intp, vectors), generate

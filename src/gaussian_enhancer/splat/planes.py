@@ -17,7 +17,7 @@ ZERO, HALF, ONE, TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.flo
 LARGEST_ALPHA = np.float32(ALPHA_MAX)
 LOG2_SMALLEST_ALPHA = np.float32(np.log2(ALPHA_MIN))
 SMALLEST_T = np.float32(TRANSMITTANCE_MIN)
-LEAST_OPACITY = np.float32(MIN_DEPTH_ALPHA)
+SMALLEST_OPACITY = np.float32(MIN_DEPTH_ALPHA)
 # Unsigned offsets of the planes: with signed ones, Numba's handling of negative indices would hinder vectorisation.
 P1, P2, P3, P4 = np.uint64(PIXELS), np.uint64(2 * PIXELS), np.uint64(3 * PIXELS), np.uint64(4 * PIXELS)
 P5, P6, P7, P8 = np.uint64(5 * PIXELS), np.uint64(6 * PIXELS), np.uint64(7 * PIXELS), np.uint64(8 * PIXELS)
@@ -28,22 +28,22 @@ P9, P10, P11 = np.uint64(9 * PIXELS), np.uint64(10 * PIXELS), np.uint64(11 * PIX
 def scratch(count):  # type: ignore[no-untyped-def]
     """Allocate ``count`` planes that begin on a cache line, as `splat.lanes.load` requires."""
     memory = np.empty(count * PIXELS + 16, np.float32)
-    first = (-(memory.ctypes.data // 4)) % 16
-    return memory[first : first + count * PIXELS]
+    start = (-(memory.ctypes.data // 4)) % 16
+    return memory[start : start + count * PIXELS]
 
 
 @inner
-def coordinates(planes, at):  # type: ignore[no-untyped-def]
-    """Fill the planes ``at`` and ``at + 1`` with the pixels' column and row within the tile."""
+def coordinates(planes, first):  # type: ignore[no-untyped-def]
+    """Fill the planes ``first`` and ``first + 1`` with the pixels' column and row within the tile."""
     for p in range(PIXELS):
-        planes[at * PIXELS + p] = p % TILE
-        planes[(at + 1) * PIXELS + p] = p // TILE
+        planes[first * PIXELS + p] = p % TILE
+        planes[(first + 1) * PIXELS + p] = p // TILE
 
 
 @inner
-def reset_tile(planes, sums, left, top, width, height):  # type: ignore[no-untyped-def]
-    """Reset a tile: all sums are 0, T is 1 inside the image and -1 outside."""
-    planes[: sums * PIXELS] = ZERO
+def reset_tile(planes, count, left, top, width, height):  # type: ignore[no-untyped-def]
+    """Set the first ``count`` planes to 0, then T to 1 inside the image and to -1 outside."""
+    planes[: count * PIXELS] = ZERO
     for p in range(PIXELS):
         inside = (p % TILE < width - left) & (p // TILE < height - top)
         planes[p] = ONE if inside else -ONE

@@ -38,11 +38,11 @@ from gaussian_enhancer.splat.planes import (
     CHECK_INTERVAL,
     HALF,
     LARGEST_ALPHA,
-    LEAST_OPACITY,
     LOG2_SMALLEST_ALPHA,
     ONE,
     PIXELS,
     PREFETCH_DISTANCE,
+    SMALLEST_OPACITY,
     SMALLEST_T,
     ZERO,
     is_opaque,
@@ -72,7 +72,7 @@ class Image(NamedTuple):
     depth: Float32[np.ndarray, "1 h w"]
     alpha: Float32[np.ndarray, "1 h w"]
     median_depth: Float32[np.ndarray, "1 h w"]
-    used: Int32[np.ndarray, " t"]
+    blended_counts: Int32[np.ndarray, " t"]
 
 
 def blend(splats: Splats, lists: TileLists, background: Float32[np.ndarray, " 3"], height: int, width: int) -> Image:
@@ -112,18 +112,15 @@ def blend_backward(
 
 
 @kernel
-def _pack_splats(splats, first):  # type: ignore[no-untyped-def]
-    """Pack what tiles read of each visible Gaussian into one cache line.
-
-    That is its centre and whitening in float64, its peak and colour in float32.
-    """
-    n = len(first) - 1
+def _pack_splats(splats, slot_starts):  # type: ignore[no-untyped-def]
+    """Pack each visible Gaussian into one cache line: centre and whitening in float64, peak and colour in float32."""
+    n = len(slot_starts) - 1
     memory = np.empty(8 * n + 8, np.float64)
-    begins = (-(memory.ctypes.data // 8)) % 8
-    records = memory[begins : begins + 8 * n].reshape(n, 8)
+    start = (-(memory.ctypes.data // 8)) % 8
+    records = memory[start : start + 8 * n].reshape(n, 8)
     singles = records.view(np.float32)
     for g in prange(n):
-        if first[g + 1] > first[g]:
+        if slot_starts[g + 1] > slot_starts[g]:
             records[g, 0], records[g, 1] = splats.footprints[g, 0], splats.footprints[g, 1]
             for k in range(4):
                 records[g, 2 + k] = splats.whitening[g, k]
@@ -134,7 +131,7 @@ def _pack_splats(splats, first):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _local(record, left, top, columns):  # type: ignore[no-untyped-def]
+def _whitened_coordinates(record, left, top, columns):  # type: ignore[no-untyped-def]
     """Whitened coordinates of the tile's first row of pixel centres, and the slopes a, b, c, d.
 
     Those of the first pixel are computed in float64, since the centre may be far away.
@@ -161,21 +158,21 @@ def _blend_entry(planes, rows, u, v, slopes, single, z):  # type: ignore[no-unty
         alpha = select_less(t, LOG2_SMALLEST_ALPHA, ZERO, minimum(exp2_of(t), LARGEST_ALPHA))
         T = load(planes, p)
         weight = alpha * T
-        rest = T - weight
-        weight = select_less(rest, SMALLEST_T, ZERO, weight)
-        store(planes, p, select_less(rest, SMALLEST_T, ZERO - magnitude(T), rest))
+        T_after = T - weight
+        weight = select_less(T_after, SMALLEST_T, ZERO, weight)
+        store(planes, p, select_less(T_after, SMALLEST_T, ZERO - magnitude(T), T_after))
         store(planes, p + 1 * PIXELS, load(planes, p + 1 * PIXELS) + weight * red)
         store(planes, p + 2 * PIXELS, load(planes, p + 2 * PIXELS) + weight * green)
         store(planes, p + 3 * PIXELS, load(planes, p + 3 * PIXELS) + weight * blue)
         store(planes, p + 4 * PIXELS, load(planes, p + 4 * PIXELS) + weight * z)
         median = load(planes, p + 5 * PIXELS)
-        reached = select_less(HALF, T, select_less(ZERO, weight, broadcast(z), median), median)
-        store(planes, p + 5 * PIXELS, reached)  # depths only grow: the last Gaussian that meets T > 1/2 remains
+        median = select_less(HALF, T, select_less(ZERO, weight, broadcast(z), median), median)
+        store(planes, p + 5 * PIXELS, median)  # depths only grow: the last Gaussian that meets T > 1/2 remains
         u, v = u + b, v + d
 
 
 @inner
-def _write(planes, left, top, background, colour, depth, alpha, median):  # type: ignore[no-untyped-def]
+def _write_tile(planes, left, top, background, colour, depth, alpha, median):  # type: ignore[no-untyped-def]
     """Normalise a tile's sums and write them to the image."""
     height, width = depth.shape[1], depth.shape[2]
     for j in range(min(TILE, height - top)):
@@ -186,42 +183,42 @@ def _write(planes, left, top, background, colour, depth, alpha, median):  # type
             for c in range(3):
                 colour[c, top + j, left + i] = planes[(c + 1) * PIXELS + p] + T * background[c]
             alpha[0, top + j, left + i] = opacity
-            depth[0, top + j, left + i] = planes[4 * PIXELS + p] / opacity if opacity >= LEAST_OPACITY else ZERO
+            depth[0, top + j, left + i] = planes[4 * PIXELS + p] / opacity if opacity >= SMALLEST_OPACITY else ZERO
             median[0, top + j, left + i] = planes[5 * PIXELS + p] if T <= HALF else ZERO
 
 
 @kernel
-def _blend(splats, lists, background, height, width, lanes):  # type: ignore[no-untyped-def]
+def _blend(splats, lists, background, height, width, threads):  # type: ignore[no-untyped-def]
     down, across = -(-height // TILE), -(-width // TILE)
     colour = np.empty((3, height, width), np.float32)
     depth = np.empty((1, height, width), np.float32)
     alpha = np.empty((1, height, width), np.float32)
     median = np.empty((1, height, width), np.float32)
-    used = np.zeros(down * across, np.int32)
-    records, singles = _pack_splats(splats, lists.first)
+    blended_counts = np.zeros(down * across, np.int32)
+    records, singles = _pack_splats(splats, lists.slot_starts)
     last = len(lists.gaussians) - 1
-    for lane in prange(lanes):
+    for thread in prange(threads):
         planes, columns = scratch(6), lane_indices()
-        for tile in range(lane, down * across, lanes):
+        for tile in range(thread, down * across, threads):
             left, top = tile % across * TILE, tile // across * TILE
             reset_tile(planes, 6, left, top, width, height)
-            count = lists.starts[tile + 1] - lists.starts[tile]
+            count = lists.tile_starts[tile + 1] - lists.tile_starts[tile]
             for k in range(count):
                 if k % CHECK_INTERVAL == 0 and is_opaque(planes):
                     count = k
                     break
-                e = lists.starts[tile] + k
+                e = lists.tile_starts[tile] + k
                 prefetch(records, lists.gaussians[min(e + PREFETCH_DISTANCE, last)])
                 g = lists.gaussians[e]
-                u, v, slopes = _local(records[g], left, top, columns)
+                u, v, slopes = _whitened_coordinates(records[g], left, top, columns)
                 _blend_entry(planes, lists.rows[e], u, v, slopes, singles[g], splats.depths[g])
-            used[tile] = count
-            _write(planes, left, top, background, colour, depth, alpha, median)
-    return colour, depth, alpha, median, used
+            blended_counts[tile] = count
+            _write_tile(planes, left, top, background, colour, depth, alpha, median)
+    return colour, depth, alpha, median, blended_counts
 
 
 @inner
-def _entry_gradients(planes, rows, u, v, slopes, single, z, gathered, slot):  # type: ignore[no-untyped-def]
+def _entry_gradients(planes, rows, u, v, slopes, single, z, gradients, slot):  # type: ignore[no-untyped-def]
     """Gradients of one Gaussian, summed over the rows that it touches.
 
     Planes: T, the sum over what lies behind (the bracket above), gradients (r, g, b, depth, alpha).
@@ -237,26 +234,26 @@ def _entry_gradients(planes, rows, u, v, slopes, single, z, gathered, slot):  # 
         alpha = minimum(raw, LARGEST_ALPHA)
         T = load(planes, p)
         weight = alpha * T
-        rest = T - weight
-        weight = select_less(rest, SMALLEST_T, ZERO, weight)
-        store(planes, p, select_less(rest, SMALLEST_T, ZERO - magnitude(T), rest))
+        T_after = T - weight
+        weight = select_less(T_after, SMALLEST_T, ZERO, weight)
+        store(planes, p, select_less(T_after, SMALLEST_T, ZERO - magnitude(T), T_after))
         by_red, by_green = load(planes, p + 2 * PIXELS), load(planes, p + 3 * PIXELS)
         by_blue, by_depth = load(planes, p + 4 * PIXELS), load(planes, p + 5 * PIXELS)
         value = by_red * red + by_green * green + by_blue * blue + by_depth * z + load(planes, p + 6 * PIXELS)
         behind = load(planes, p + PIXELS) - weight * value
         store(planes, p + PIXELS, behind)
         slope = raw * (T * value - behind / (ONE - alpha))
-        h = select_less(rest, SMALLEST_T, ZERO, select_less(LARGEST_ALPHA, raw, ZERO, slope))
+        h = select_less(T_after, SMALLEST_T, ZERO, select_less(LARGEST_ALPHA, raw, ZERO, slope))
         hu, hv = h * u, h * v
         s0, s1, s2 = s0 + weight * by_red, s1 + weight * by_green, s2 + weight * by_blue
         s3, s4, s5, s6 = s3 + weight * by_depth, s4 + h, s5 + hu, s6 + hv
         s7, s8, s9 = s7 + hu * u, s8 + hu * v, s9 + hv * v
         u, v = u + b, v + d
-    store_sums(gathered, slot, (s0, s1, s2, s3, s4, s5, s6, s7, s8, s9))
+    store_sums(gradients, slot, (s0, s1, s2, s3, s4, s5, s6, s7, s8, s9))
 
 
 @inner
-def _read(planes, left, top, image, colour, depth, alpha):  # type: ignore[no-untyped-def]
+def _read_tile(planes, left, top, image, colour, depth, alpha):  # type: ignore[no-untyped-def]
     """Initialise a tile for the backward; pixels outside the image have T = 0 and gradients 0."""
     height, width = depth.shape[1], depth.shape[2]
     planes[: 7 * PIXELS] = ZERO
@@ -265,7 +262,7 @@ def _read(planes, left, top, image, colour, depth, alpha):  # type: ignore[no-un
             p, y, x = j * TILE + i, top + j, left + i
             opacity = image.alpha[0, y, x]
             by_alpha, by_sum, total = alpha[0, y, x], ZERO, ZERO
-            if opacity >= LEAST_OPACITY:
+            if opacity >= SMALLEST_OPACITY:
                 by_sum = depth[0, y, x] / opacity
                 by_alpha -= by_sum * image.depth[0, y, x]
             for c in range(3):
@@ -278,25 +275,25 @@ def _read(planes, left, top, image, colour, depth, alpha):  # type: ignore[no-un
 
 
 @kernel
-def _blend_backward(splats, lists, image, colour, depth, alpha, lanes):  # type: ignore[no-untyped-def]
+def _blend_backward(splats, lists, image, colour, depth, alpha, threads):  # type: ignore[no-untyped-def]
     height, width = depth.shape[1], depth.shape[2]
     down, across = -(-height // TILE), -(-width // TILE)
-    gathered = np.empty((len(lists.gaussians), GRADIENT_COLUMNS), np.float32)
-    records, singles = _pack_splats(splats, lists.first)
+    gradients = np.empty((len(lists.gaussians), GRADIENT_COLUMNS), np.float32)
+    records, singles = _pack_splats(splats, lists.slot_starts)
     last = len(lists.gaussians) - 1
-    for lane in prange(lanes):
+    for thread in prange(threads):
         planes, columns = scratch(7), lane_indices()
-        for tile in range(lane, down * across, lanes):
+        for tile in range(thread, down * across, threads):
             left, top = tile % across * TILE, tile // across * TILE
-            _read(planes, left, top, image, colour, depth, alpha)
-            start, end = lists.starts[tile], lists.starts[tile + 1]
-            for e in range(start, start + image.used[tile]):
+            _read_tile(planes, left, top, image, colour, depth, alpha)
+            start, end = lists.tile_starts[tile], lists.tile_starts[tile + 1]
+            for e in range(start, start + image.blended_counts[tile]):
                 prefetch(records, lists.gaussians[min(e + PREFETCH_DISTANCE, last)])
-                prefetch(gathered, lists.slots[min(e + PREFETCH_DISTANCE, last)])
+                prefetch(gradients, lists.slots[min(e + PREFETCH_DISTANCE, last)])
                 g = lists.gaussians[e]
-                u, v, slopes = _local(records[g], left, top, columns)
+                u, v, slopes = _whitened_coordinates(records[g], left, top, columns)
                 z = splats.depths[g]
-                _entry_gradients(planes, lists.rows[e], u, v, slopes, singles[g], z, gathered, lists.slots[e])
-            for e in range(start + image.used[tile], end):
-                gathered[lists.slots[e]] = ZERO
-    return gathered
+                _entry_gradients(planes, lists.rows[e], u, v, slopes, singles[g], z, gradients, lists.slots[e])
+            for e in range(start + image.blended_counts[tile], end):
+                gradients[lists.slots[e]] = ZERO
+    return gradients

@@ -25,7 +25,6 @@ from gaussian_enhancer.splat.planes import (
     CHECK_INTERVAL,
     HALF,
     LARGEST_ALPHA,
-    LEAST_OPACITY,
     LOG2_SMALLEST_ALPHA,
     ONE,
     P1,
@@ -40,6 +39,7 @@ from gaussian_enhancer.splat.planes import (
     P10,
     P11,
     PIXELS,
+    SMALLEST_OPACITY,
     SMALLEST_T,
     TWO,
     ZERO,
@@ -79,7 +79,7 @@ class DiskImage(NamedTuple):
     median_depth: Float32[np.ndarray, "1 h w"]
     normals: Float32[np.ndarray, "3 h w"]
     summed: Float32[np.ndarray, "3 h w"]
-    used: Int32[np.ndarray, " t"]
+    blended_counts: Int32[np.ndarray, " t"]
 
 
 def blend_disks(
@@ -123,7 +123,7 @@ def blend_disks_backward(
 
 
 @inner
-def _local(splats, g, left, top):  # type: ignore[no-untyped-def]
+def _linear_forms(splats, g, left, top):  # type: ignore[no-untyped-def]
     """U, V and D as (constant, slope in x, slope in y) about the tile's first pixel centre, its offset, and z_0 D_0.
 
     The offset is from the projected centre of the disk to that pixel centre.
@@ -157,23 +157,23 @@ def _blend_rows(planes, first, end, u, v, d, offset, hit_z, z0, near, peak, colo
         z = hit_z * inverse if hit else z0
         alpha = min(exp2_nonpositive(t), LARGEST_ALPHA)
         T = planes[p]
-        rest = T * (ONE - alpha)
-        counts = t >= LOG2_SMALLEST_ALPHA
-        adds = counts & (rest >= SMALLEST_T)
-        weight = alpha * T if adds else ZERO
-        planes[p] = rest if adds else (-abs(T) if counts else T)
+        T_after = T * (ONE - alpha)
+        contributes = t >= LOG2_SMALLEST_ALPHA
+        blends = contributes & (T_after >= SMALLEST_T)
+        weight = alpha * T if blends else ZERO
+        planes[p] = T_after if blends else (-abs(T) if contributes else T)
         planes[p + P1] += weight * colour[0]
         planes[p + P2] += weight * colour[1]
         planes[p + P3] += weight * colour[2]
         planes[p + P4] += weight * z
-        planes[p + P5] += z if adds & (T > HALF) & (rest <= HALF) else ZERO  # true for one disk a pixel at most
+        planes[p + P5] += z if blends & (T > HALF) & (T_after <= HALF) else ZERO  # true for one disk a pixel at most
         planes[p + P6] += weight * normal[0]
         planes[p + P7] += weight * normal[1]
         planes[p + P8] += weight * normal[2]
 
 
 @inner
-def _write(planes, left, top, background, image):  # type: ignore[no-untyped-def]
+def _write_tile(planes, left, top, background, image):  # type: ignore[no-untyped-def]
     """Normalise a tile's sums and write them to the image."""
     colour, depth, alpha, median, normals, summed = image
     height, width = depth.shape[1], depth.shape[2]
@@ -182,7 +182,7 @@ def _write(planes, left, top, background, image):  # type: ignore[no-untyped-def
             p, y, x = j * TILE + i, top + j, left + i
             T = abs(planes[p])
             opacity = ONE - T
-            covered = opacity >= LEAST_OPACITY
+            covered = opacity >= SMALLEST_OPACITY
             for c in range(3):
                 colour[c, y, x] = planes[(c + 1) * PIXELS + p] + T * background[c]
                 summed[c, y, x] = planes[(c + 6) * PIXELS + p]
@@ -195,35 +195,35 @@ def _write(planes, left, top, background, image):  # type: ignore[no-untyped-def
 
 
 @kernel
-def _blend(splats, lists, background, height, width, lanes):  # type: ignore[no-untyped-def]
+def _blend(splats, lists, background, height, width, threads):  # type: ignore[no-untyped-def]
     down, across = -(-height // TILE), -(-width // TILE)
     colour, normals = np.empty((3, height, width), np.float32), np.empty((3, height, width), np.float32)
     summed, depth = np.empty((3, height, width), np.float32), np.empty((1, height, width), np.float32)
     alpha, median = np.empty((1, height, width), np.float32), np.empty((1, height, width), np.float32)
-    used = np.zeros(down * across, np.int32)
+    blended_counts = np.zeros(down * across, np.int32)
     near = np.float32(splats.near)
-    for lane in prange(lanes):
+    for thread in prange(threads):
         planes = np.empty(11 * PIXELS, np.float32)
         coordinates(planes, 9)
-        for tile in range(lane, down * across, lanes):
+        for tile in range(thread, down * across, threads):
             left, top = tile % across * TILE, tile // across * TILE
             reset_tile(planes, 9, left, top, width, height)
-            count = lists.starts[tile + 1] - lists.starts[tile]
+            count = lists.tile_starts[tile + 1] - lists.tile_starts[tile]
             for k in range(count):
                 if k % CHECK_INTERVAL == 0 and is_opaque(planes):
                     count = k
                     break
-                e = lists.starts[tile] + k
+                e = lists.tile_starts[tile] + k
                 g = lists.gaussians[e]
-                u, v, d, offset, hit_z = _local(splats, g, left, top)
+                u, v, d, offset, hit_z = _linear_forms(splats, g, left, top)
                 first, end = np.uint64(TILE * lists.rows[e, 0]), np.uint64(TILE * lists.rows[e, 1])
                 tint = splats.colours[g, 0], splats.colours[g, 1], splats.colours[g, 2]
                 normal = splats.normals[g, 0], splats.normals[g, 1], splats.normals[g, 2]
                 z0, peak = splats.depths[g], splats.peaks[g]
                 _blend_rows(planes, first, end, u, v, d, offset, hit_z, z0, near, peak, tint, normal)
-            used[tile] = count
-            _write(planes, left, top, background, (colour, depth, alpha, median, normals, summed))
-    return colour, depth, alpha, median, normals, summed, used
+            blended_counts[tile] = count
+            _write_tile(planes, left, top, background, (colour, depth, alpha, median, normals, summed))
+    return colour, depth, alpha, median, normals, summed, blended_counts
 
 
 @inner
@@ -249,11 +249,11 @@ def _row_gradients(planes, first, end, u, v, d, offset, hit_z, z0, near, peak, c
         raw = exp2_nonpositive(t)
         alpha = min(raw, LARGEST_ALPHA)
         T = planes[p]
-        rest = T * (ONE - alpha)
-        counts = t >= LOG2_SMALLEST_ALPHA
-        adds = counts & (rest >= SMALLEST_T)
-        weight = alpha * T if adds else ZERO
-        planes[p] = rest if adds else (-abs(T) if counts else T)
+        T_after = T * (ONE - alpha)
+        contributes = t >= LOG2_SMALLEST_ALPHA
+        blends = contributes & (T_after >= SMALLEST_T)
+        weight = alpha * T if blends else ZERO
+        planes[p] = T_after if blends else (-abs(T) if contributes else T)
         by_red, by_green, by_blue, by_depth = planes[p + P2], planes[p + P3], planes[p + P4], planes[p + P5]
         by_x, by_y, by_z = planes[p + P7], planes[p + P8], planes[p + P9]
         value = by_red * colour[0] + by_green * colour[1] + by_blue * colour[2] + by_depth * z + planes[p + P6]
@@ -261,7 +261,7 @@ def _row_gradients(planes, first, end, u, v, d, offset, hit_z, z0, near, peak, c
         behind = planes[p + P1] - weight * value
         planes[p + P1] = behind
         slope = raw * (T * value - behind / (ONE - alpha))
-        h = slope if adds & (raw <= LARGEST_ALPHA) else ZERO
+        h = slope if blends & (raw <= LARGEST_ALPHA) else ZERO
         by_hit = h * inverse if hit else ZERO
         by_miss = ZERO if hit else TWO * h
         depth = weight * by_depth
@@ -297,7 +297,7 @@ def _row_gradients(planes, first, end, u, v, d, offset, hit_z, z0, near, peak, c
 
 
 @inner
-def _read(planes, left, top, image, colour, depth, alpha, normals):  # type: ignore[no-untyped-def]
+def _read_tile(planes, left, top, image, colour, depth, alpha, normals):  # type: ignore[no-untyped-def]
     """Initialise a tile for the backward; pixels outside the image have T = 0 and gradients 0."""
     height, width = depth.shape[1], depth.shape[2]
     planes[: 10 * PIXELS] = ZERO
@@ -307,7 +307,7 @@ def _read(planes, left, top, image, colour, depth, alpha, normals):  # type: ign
             opacity = image.alpha[0, y, x]
             by_alpha, by_sum, total = alpha[0, y, x], ZERO, ZERO
             length = np.sqrt(image.summed[0, y, x] ** 2 + image.summed[1, y, x] ** 2 + image.summed[2, y, x] ** 2)
-            if opacity >= LEAST_OPACITY:
+            if opacity >= SMALLEST_OPACITY:
                 by_sum = depth[0, y, x] / opacity
                 by_alpha -= by_sum * image.depth[0, y, x]
                 if length > _FAINT:
@@ -342,23 +342,23 @@ def _store_gradients(row, ends, moments, offset):  # type: ignore[no-untyped-def
 
 
 @kernel
-def _blend_backward(splats, lists, image, colour, depth, alpha, normals, lanes):  # type: ignore[no-untyped-def]
+def _blend_backward(splats, lists, image, colour, depth, alpha, normals, threads):  # type: ignore[no-untyped-def]
     height, width = depth.shape[1], depth.shape[2]
     down, across = -(-height // TILE), -(-width // TILE)
-    gathered = np.empty((len(lists.gaussians), GRADIENT_COLUMNS), np.float32)
+    gradients = np.empty((len(lists.gaussians), GRADIENT_COLUMNS), np.float32)
     near = np.float32(splats.near)
-    for lane in prange(lanes):
+    for thread in prange(threads):
         planes = np.empty(12 * PIXELS, np.float32)
         coordinates(planes, 10)
-        for tile in range(lane, down * across, lanes):
+        for tile in range(thread, down * across, threads):
             left, top = tile % across * TILE, tile // across * TILE
-            _read(planes, left, top, image, colour, depth, alpha, normals)
-            start, end = lists.starts[tile], lists.starts[tile + 1]
-            for e in range(start + image.used[tile], end):
-                gathered[lists.slots[e]] = ZERO
-            for e in range(start, start + image.used[tile]):
+            _read_tile(planes, left, top, image, colour, depth, alpha, normals)
+            start, end = lists.tile_starts[tile], lists.tile_starts[tile + 1]
+            for e in range(start + image.blended_counts[tile], end):
+                gradients[lists.slots[e]] = ZERO
+            for e in range(start, start + image.blended_counts[tile]):
                 g = lists.gaussians[e]
-                u, v, d, offset, hit_z = _local(splats, g, left, top)
+                u, v, d, offset, hit_z = _linear_forms(splats, g, left, top)
                 first, last = np.uint64(TILE * lists.rows[e, 0]), np.uint64(TILE * lists.rows[e, 1])
                 tint = splats.colours[g, 0], splats.colours[g, 1], splats.colours[g, 2]
                 normal = splats.normals[g, 0], splats.normals[g, 1], splats.normals[g, 2]
@@ -366,5 +366,5 @@ def _blend_backward(splats, lists, image, colour, depth, alpha, normals, lanes):
                 head, moments, tail = _row_gradients(
                     planes, first, last, u, v, d, offset, hit_z, z0, near, peak, tint, normal
                 )
-                _store_gradients(gathered[lists.slots[e]], (head, tail), moments, offset)
-    return gathered
+                _store_gradients(gradients[lists.slots[e]], (head, tail), moments, offset)
+    return gradients

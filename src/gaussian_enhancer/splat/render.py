@@ -130,7 +130,7 @@ class _SavedForBackward(NamedTuple):
     splats: "raster.Splats"
     lists: "tiles.TileLists"
     median_depth: np.ndarray
-    used: np.ndarray
+    blended_counts: np.ndarray
     screen: ScreenStatistics | None
 
 
@@ -159,7 +159,7 @@ class _Ellipsoids(torch.autograd.Function):
         view, dilation, mip = ewa.view_of(camera, near), float(method.dilation), isinstance(method, MipSplatting)
         projection = ewa.project(shape, view, dilation, mip)
         lists = tiles.bin_tiles(projection.footprints, projection.depths, camera.height, camera.width)
-        visible = lists.first[1:] > lists.first[:-1]
+        visible = lists.visible
         colours = harmonics.shade(shape.means, numpy_view(sh), view.centre, visible)
         splats = raster.Splats(projection.footprints, projection.whitening, projection.depths, colours)
         image = raster.blend(splats, lists, np.asarray(background, np.float32), camera.height, camera.width)
@@ -168,8 +168,8 @@ class _Ellipsoids(torch.autograd.Function):
             screen.gradient = None
         colour, depth, alpha, median = (torch.from_numpy(plane) for plane in image[:4])
         ctx.save_for_backward(means, log_scales, quaternions, opacity_logits, sh, colour, depth, alpha)
-        ctx.kept = _SavedForBackward(
-            view, dilation, mip, filter_sizes, visible, splats, lists, image.median_depth, image.used, screen
+        ctx.saved = _SavedForBackward(
+            view, dilation, mip, filter_sizes, visible, splats, lists, image.median_depth, image.blended_counts, screen
         )
         ctx.mark_non_differentiable(median)
         return colour, depth, alpha, median
@@ -180,25 +180,25 @@ class _Ellipsoids(torch.autograd.Function):
         from gaussian_enhancer.splat import ewa, ewa_backward, raster, tiles
         from gaussian_enhancer.splat import sh as harmonics
 
-        kept: _SavedForBackward = ctx.kept
+        saved: _SavedForBackward = ctx.saved
         means, log_scales, quaternions, opacity_logits, sh, colour, depth, alpha = map(numpy_view, ctx.saved_tensors)
-        shape = ewa.Shape(means, log_scales, quaternions, opacity_logits, kept.smoothing)
-        image = raster.Image(colour, depth, alpha, kept.median_depth, kept.used)
-        entry_gradients = raster.blend_backward(kept.splats, kept.lists, image, *map(numpy_view, gradients[:3]))
-        gaussian_gradients = tiles.sum_over_tiles(entry_gradients, kept.lists)
+        shape = ewa.Shape(means, log_scales, quaternions, opacity_logits, saved.smoothing)
+        image = raster.Image(colour, depth, alpha, saved.median_depth, saved.blended_counts)
+        entry_gradients = raster.blend_backward(saved.splats, saved.lists, image, *map(numpy_view, gradients[:3]))
+        gaussian_gradients = tiles.sum_over_tiles(entry_gradients, saved.lists)
         parameter_gradients = ewa_backward.project_backward(
-            shape, kept.view, kept.dilation, kept.mip, kept.visible, gaussian_gradients
+            shape, saved.view, saved.dilation, saved.mip, saved.visible, gaussian_gradients
         )
         sh_gradient = harmonics.shade_backward(
             means,
             sh,
-            kept.view.centre,
-            kept.visible,
-            kept.splats.colours,
+            saved.view.centre,
+            saved.visible,
+            saved.splats.colours,
             gaussian_gradients,
             parameter_gradients.means,
         )
-        if kept.screen is not None:
-            mean_gradients = ewa_backward.screen_gradients(kept.splats.whitening, gaussian_gradients)
-            kept.screen.gradient = torch.from_numpy(np.linalg.norm(mean_gradients, axis=1))
+        if saved.screen is not None:
+            mean_gradients = ewa_backward.screen_gradients(saved.splats.whitening, gaussian_gradients)
+            saved.screen.gradient = torch.from_numpy(np.linalg.norm(mean_gradients, axis=1))
         return *map(torch.from_numpy, (*parameter_gradients, sh_gradient)), None, None

@@ -65,7 +65,7 @@ class _Disks(torch.autograd.Function):
         view = ewa.view_of(camera, near)
         projected = disks.project_disks(shape, view)
         lists = tiles.bin_tiles(projected.footprints, projected.depths, camera.height, camera.width)
-        visible = lists.first[1:] > lists.first[:-1]
+        visible = lists.visible
         colours = harmonics.shade(shape.means, numpy_view(sh), view.centre, visible)
         splats = raster_disks.DiskSplats(
             projected.geometry, projected.peaks, projected.depths, projected.normals, colours, float(near)

@@ -27,7 +27,7 @@ def shade(
     means: Float32[np.ndarray, "n 3"],
     sh: Float32[np.ndarray, "n k 3"],
     centre: Float64[np.ndarray, " 3"],
-    wanted: Bool[np.ndarray, " n"],
+    visible: Bool[np.ndarray, " n"],
 ) -> Float32[np.ndarray, "n 3"]:
     """Colour of each selected Gaussian as seen by the camera; 0 for the others.
 
@@ -35,17 +35,17 @@ def shade(
         means: Gaussian centres in the world.
         sh: coefficients.
         centre: the camera's position in the world.
-        wanted: mask of the Gaussians to shade.
+        visible: mask of the Gaussians to shade.
     """
     with kernel_lock:
-        return _shade(means, sh, centre, wanted, get_num_threads())
+        return _shade(means, sh, centre, visible, get_num_threads())
 
 
 def shade_backward(
     means: Float32[np.ndarray, "n 3"],
     sh: Float32[np.ndarray, "n k 3"],
     centre: Float64[np.ndarray, " 3"],
-    wanted: Bool[np.ndarray, " n"],
+    visible: Bool[np.ndarray, " n"],
     colours: Float32[np.ndarray, "n 3"],
     colour_gradient: Float32[np.ndarray, "n c"],
     mean_gradient: Float32[np.ndarray, "n 3"],
@@ -56,13 +56,13 @@ def shade_backward(
         means: as in `shade`.
         sh: as in `shade`.
         centre: as in `shade`.
-        wanted: as in `shade`.
+        visible: as in `shade`.
         colours: result of `shade`; a channel that was clamped to 0 gets no gradient.
         colour_gradient: gradient of the loss with respect to ``colours``, in the first three columns.
         mean_gradient: gradient with respect to the means, changed in place.
     """
     with kernel_lock:
-        return _shade_backward(means, sh, centre, wanted, colours, colour_gradient, mean_gradient, get_num_threads())
+        return _shade_backward(means, sh, centre, visible, colours, colour_gradient, mean_gradient, get_num_threads())
 
 
 @inner
@@ -115,13 +115,13 @@ def basis_gradient(count, x, y, z, f):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _shade(means, sh, centre, wanted, lanes):  # type: ignore[no-untyped-def]
+def _shade(means, sh, centre, visible, threads):  # type: ignore[no-untyped-def]
     n, count = sh.shape[0], sh.shape[1]
     colours = np.zeros((n, 3), np.float32)
-    for lane in prange(lanes):
+    for thread in prange(threads):
         weights = np.empty(16)
-        for g in range(lane * n // lanes, (lane + 1) * n // lanes):
-            if wanted[g]:
+        for g in range(thread * n // threads, (thread + 1) * n // threads):
+            if visible[g]:
                 x, y, z = means[g, 0] - centre[0], means[g, 1] - centre[1], means[g, 2] - centre[2]
                 scale = 1.0 / math.sqrt(max(x * x + y * y + z * z, 1e-300))
                 basis(count, x * scale, y * scale, z * scale, weights)
@@ -135,13 +135,13 @@ def _shade(means, sh, centre, wanted, lanes):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _shade_backward(means, sh, centre, wanted, colours, colour_gradient, mean_gradient, lanes):  # type: ignore[no-untyped-def]
+def _shade_backward(means, sh, centre, visible, colours, colour_gradient, mean_gradient, threads):  # type: ignore[no-untyped-def]
     n, count = sh.shape[0], sh.shape[1]
     sh_gradient = np.empty((n, count, 3), np.float32)
-    for lane in prange(lanes):
-        weights, along = np.empty(16), np.empty(16)
-        for g in range(lane * n // lanes, (lane + 1) * n // lanes):
-            if wanted[g]:
+    for thread in prange(threads):
+        weights, by_basis = np.empty(16), np.empty(16)
+        for g in range(thread * n // threads, (thread + 1) * n // threads):
+            if visible[g]:
                 x, y, z = means[g, 0] - centre[0], means[g, 1] - centre[1], means[g, 2] - centre[2]
                 scale = 1.0 / math.sqrt(max(x * x + y * y + z * z, 1e-300))
                 x, y, z = x * scale, y * scale, z * scale
@@ -153,8 +153,8 @@ def _shade_backward(means, sh, centre, wanted, colours, colour_gradient, mean_gr
                     weight = np.float32(weights[k])
                     sh_gradient[g, k, 0], sh_gradient[g, k, 1] = weight * red, weight * green
                     sh_gradient[g, k, 2] = weight * blue
-                    along[k] = sh[g, k, 0] * red + sh[g, k, 1] * green + sh[g, k, 2] * blue
-                gx, gy, gz = basis_gradient(count, x, y, z, along)
+                    by_basis[k] = sh[g, k, 0] * red + sh[g, k, 1] * green + sh[g, k, 2] * blue
+                gx, gy, gz = basis_gradient(count, x, y, z, by_basis)
                 radial = gx * x + gy * y + gz * z
                 mean_gradient[g, 0] += (gx - radial * x) * scale
                 mean_gradient[g, 1] += (gy - radial * y) * scale

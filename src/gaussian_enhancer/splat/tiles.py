@@ -20,7 +20,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Float32, Int32, Int64, UInt8
+from jaxtyping import Bool, Float, Float32, Int32, Int64, UInt8
 from numba import get_num_threads, prange
 
 from gaussian_enhancer.splat.compiled import TILE, inner, kernel, kernel_lock
@@ -33,19 +33,24 @@ class TileLists(NamedTuple):
     """The entries of all tiles.
 
     Attributes:
-        starts: tile t's entries are ``starts[t]:starts[t + 1]``.
+        tile_starts: tile t's entries are ``tile_starts[t]:tile_starts[t + 1]``.
         gaussians: index of each entry's Gaussian; sorted by depth within a tile, ties by index.
         rows: pixel rows [first, end) of the tile, 0..16, that the footprint touches.
-        first: Gaussian g's slots are ``first[g]:first[g + 1]``; there are none if it is invisible.
+        slot_starts: Gaussian g's slots are ``slot_starts[g]:slot_starts[g + 1]``; there are none if it is invisible.
         slots: where the sums of an entry are stored. The slots of a Gaussian are contiguous, so that sums over its
             tiles need no atomic operations.
     """
 
-    starts: Int64[np.ndarray, " t+1"]
+    tile_starts: Int64[np.ndarray, " t+1"]
     gaussians: Int32[np.ndarray, " e"]
     rows: UInt8[np.ndarray, "e 2"]
-    first: Int64[np.ndarray, " n+1"]
+    slot_starts: Int64[np.ndarray, " n+1"]
     slots: Int32[np.ndarray, " e"]
+
+    @property
+    def visible(self) -> Bool[np.ndarray, " n"]:
+        """Mask of the Gaussians that some tile lists."""
+        return self.slot_starts[1:] > self.slot_starts[:-1]
 
 
 def grid(height: int, width: int) -> tuple[int, int]:
@@ -65,18 +70,18 @@ def bin_tiles(
         width: image width in pixels.
     """
     with kernel_lock:
-        first = _count(footprints, height, width)
-        keys = _depth_keys(first, depths)
+        slot_starts = _slot_starts(footprints, height, width)
+        keys = _depth_keys(slot_starts, depths)
         keys.sort()
-        tile_of, rows_of = _list_entries(footprints, first, height, width)
-        down, across = grid(height, width)
-        return TileLists(*_sort_entries(first, keys, tile_of, rows_of, down * across, get_num_threads()))
+        tile_of, rows_of = _list_entries(footprints, slot_starts, height, width)
+        tile_count = math.prod(grid(height, width))
+        return TileLists(*_sort_entries(slot_starts, keys, tile_of, rows_of, tile_count, get_num_threads()))
 
 
 def sum_over_tiles(values: Float32[np.ndarray, "e c"], lists: TileLists) -> Float32[np.ndarray, "n c"]:
     """Sum the values of each Gaussian over its tiles, always in the same order."""
     with kernel_lock:
-        return _sum_over_tiles(values, lists.first, get_num_threads())
+        return _sum_over_tiles(values, lists.slot_starts, get_num_threads())
 
 
 @inner
@@ -88,10 +93,10 @@ def _rows_in_column(footprint, left, height):  # type: ignore[no-untyped-def]
         a = max(left + 0.5 - x, -half_width)
         b = min(left + (TILE - 0.5) - x, half_width)
         peak = slope * half_width * half_width / max(half_height, 1e-300)
-        at = min(max(peak, a), b)
-        high = y + slope * at + chord * math.sqrt(max(0.0, 1.0 - (at / half_width) ** 2))
-        at = min(max(-peak, a), b)
-        low = y + slope * at - chord * math.sqrt(max(0.0, 1.0 - (at / half_width) ** 2))
+        dx = min(max(peak, a), b)
+        high = y + slope * dx + chord * math.sqrt(max(0.0, 1.0 - (dx / half_width) ** 2))
+        dx = min(max(-peak, a), b)
+        low = y + slope * dx - chord * math.sqrt(max(0.0, 1.0 - (dx / half_width) ** 2))
     slack = _SLACK + 1e-9 * (abs(x) + abs(y) + half_width + half_height)
     top = math.ceil(max(low - slack - 0.5, 0.0))
     bottom = math.floor(min(high + slack - 0.5, height - 1.0))
@@ -122,9 +127,10 @@ def _footprint(footprints, g):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _count(footprints, height, width):  # type: ignore[no-untyped-def]
+def _slot_starts(footprints, height, width):  # type: ignore[no-untyped-def]
+    """Cumulative number of tiles of the Gaussians, from 0."""
     n = len(footprints)
-    first = np.zeros(n + 1, np.int64)
+    slot_starts = np.zeros(n + 1, np.int64)
     for g in prange(n):
         footprint = _footprint(footprints, g)
         begin, end = _columns(footprint, width)
@@ -133,86 +139,86 @@ def _count(footprints, height, width):  # type: ignore[no-untyped-def]
             top, bottom = _rows_in_column(footprint, column * TILE, height)
             if bottom >= top:
                 total += bottom // TILE - top // TILE + 1
-        first[g + 1] = total
+        slot_starts[g + 1] = total
     for g in range(n):
-        first[g + 1] += first[g]
-    return first
+        slot_starts[g + 1] += slot_starts[g]
+    return slot_starts
 
 
 @inner
-def _depth_keys(first, depths):  # type: ignore[no-untyped-def]
+def _depth_keys(slot_starts, depths):  # type: ignore[no-untyped-def]
     """Visible Gaussians as integers that sort by depth, then by index: positive floats sort like their bits."""
     keys = np.empty(len(depths), np.int64)
     count = 0
     for g in range(len(depths)):
-        if first[g + 1] > first[g]:
+        if slot_starts[g + 1] > slot_starts[g]:
             keys[count] = (np.int64(np.float32(depths[g]).view(np.int32)) << 32) | g
             count += 1
     return keys[:count].copy()
 
 
 @kernel
-def _list_entries(footprints, first, height, width):  # type: ignore[no-untyped-def]
+def _list_entries(footprints, slot_starts, height, width):  # type: ignore[no-untyped-def]
     """Tile and pixel rows of every entry, in the order of the Gaussians."""
     n, across = len(footprints), -(-width // TILE)
-    tile_of = np.empty(first[n], np.int32)
-    rows_of = np.empty((first[n], 2), np.uint8)
+    tile_of = np.empty(slot_starts[n], np.int32)
+    rows_of = np.empty((slot_starts[n], 2), np.uint8)
     for g in prange(n):
-        if first[g + 1] > first[g]:
+        if slot_starts[g + 1] > slot_starts[g]:
             footprint = _footprint(footprints, g)
-            at = first[g]
+            slot = slot_starts[g]
             begin, end = _columns(footprint, width)
             for column in range(begin, end + 1):
                 top, bottom = _rows_in_column(footprint, column * TILE, height)
                 for row in range(top // TILE, bottom // TILE + 1 if bottom >= top else 0):
-                    tile_of[at] = row * across + column
-                    rows_of[at, 0] = max(top - row * TILE, 0)
-                    rows_of[at, 1] = min(bottom + 1 - row * TILE, TILE)
-                    at += 1
+                    tile_of[slot] = row * across + column
+                    rows_of[slot, 0] = max(top - row * TILE, 0)
+                    rows_of[slot, 1] = min(bottom + 1 - row * TILE, TILE)
+                    slot += 1
     return tile_of, rows_of
 
 
 @kernel
-def _sort_entries(first, keys, tile_of, rows_of, tiles, lanes):  # type: ignore[no-untyped-def]
-    """Sort entries by tile with a counting sort; each lane takes a contiguous range of keys and keeps their order."""
+def _sort_entries(slot_starts, keys, tile_of, rows_of, tiles, threads):  # type: ignore[no-untyped-def]
+    """Sort entries by tile with a counting sort; each thread takes a contiguous range of keys and keeps their order."""
     total, count = len(tile_of), len(keys)
-    cursors = np.zeros((lanes, tiles), np.int64)
-    for lane in prange(lanes):
-        for k in range(lane * count // lanes, (lane + 1) * count // lanes):
+    cursors = np.zeros((threads, tiles), np.int64)
+    for thread in prange(threads):
+        for k in range(thread * count // threads, (thread + 1) * count // threads):
             g = keys[k] & 0x7FFFFFFF
-            for pair in range(first[g], first[g + 1]):
-                cursors[lane, tile_of[pair]] += 1
-    starts = np.empty(tiles + 1, np.int64)
-    at = 0
+            for slot in range(slot_starts[g], slot_starts[g + 1]):
+                cursors[thread, tile_of[slot]] += 1
+    tile_starts = np.empty(tiles + 1, np.int64)
+    entry = 0
     for tile in range(tiles):
-        starts[tile] = at
-        for lane in range(lanes):
-            cursors[lane, tile], at = at, at + cursors[lane, tile]
-    starts[tiles] = at
+        tile_starts[tile] = entry
+        for thread in range(threads):
+            cursors[thread, tile], entry = entry, entry + cursors[thread, tile]
+    tile_starts[tiles] = entry
     gaussians = np.empty(total, np.int32)
     rows = np.empty((total, 2), np.uint8)
     slots = np.empty(total, np.int32)
-    for lane in prange(lanes):
-        for k in range(lane * count // lanes, (lane + 1) * count // lanes):
+    for thread in prange(threads):
+        for k in range(thread * count // threads, (thread + 1) * count // threads):
             g = keys[k] & 0x7FFFFFFF
-            for pair in range(first[g], first[g + 1]):
-                at = cursors[lane, tile_of[pair]]
-                cursors[lane, tile_of[pair]] = at + 1
-                gaussians[at] = g
-                slots[at] = pair
-                rows[at, 0], rows[at, 1] = rows_of[pair, 0], rows_of[pair, 1]
-    return starts, gaussians, rows, first, slots
+            for slot in range(slot_starts[g], slot_starts[g + 1]):
+                entry = cursors[thread, tile_of[slot]]
+                cursors[thread, tile_of[slot]] = entry + 1
+                gaussians[entry] = g
+                slots[entry] = slot
+                rows[entry, 0], rows[entry, 1] = rows_of[slot, 0], rows_of[slot, 1]
+    return tile_starts, gaussians, rows, slot_starts, slots
 
 
 @kernel
-def _sum_over_tiles(values, first, lanes):  # type: ignore[no-untyped-def]
-    n, channels = len(first) - 1, values.shape[1]
+def _sum_over_tiles(values, slot_starts, threads):  # type: ignore[no-untyped-def]
+    n, channels = len(slot_starts) - 1, values.shape[1]
     sums = np.empty((n, channels), np.float32)
-    for lane in prange(lanes):
-        for g in range(lane * n // lanes, (lane + 1) * n // lanes):
+    for thread in prange(threads):
+        for g in range(thread * n // threads, (thread + 1) * n // threads):
             for c in range(channels):
                 sums[g, c] = 0.0
-            for k in range(first[g], first[g + 1]):
+            for k in range(slot_starts[g], slot_starts[g + 1]):
                 for c in range(channels):
                     sums[g, c] += values[k, c]
     return sums

@@ -52,11 +52,11 @@ def adam_step(
     if values.device.type == "cpu" and values.dtype == torch.float32:
         from gaussian_enhancer.splat.fit.adam_kernels import update
 
-        rates = np.full(
-            values[0].numel() if first_rate != rate and len(values) else BLOCK_SIZE, rate * mean_correction, np.float32
-        )
         if first_rate != rate and len(values):
+            rates = np.full(values[0].numel(), rate * mean_correction, np.float32)
             rates[: values[0, 0].numel()] = first_rate * mean_correction
+        else:
+            rates = np.full(BLOCK_SIZE, rate * mean_correction, np.float32)
         update(tuple(tensor.detach().reshape(-1).numpy() for tensor in tensors), rates, 1.0 / root_correction)
         return
     with torch.no_grad():

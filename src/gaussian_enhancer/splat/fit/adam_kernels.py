@@ -29,11 +29,11 @@ def update(arrays: tuple[Float32[np.ndarray, " n"], ...], rates: Float32[np.ndar
 
 
 @kernel
-def _update(values, gradient, mean, square, rates, root, lanes):  # type: ignore[no-untyped-def]
+def _update(values, gradient, mean, square, rates, root, threads):  # type: ignore[no-untyped-def]
     n, size = len(values), len(rates)
     runs = -(-n // size)
-    for lane in prange(lanes):
-        for run in range(lane * runs // lanes, (lane + 1) * runs // lanes):
+    for thread in prange(threads):
+        for run in range(thread * runs // threads, (thread + 1) * runs // threads):
             begin, end = run * size, min((run + 1) * size, n)
             _update_run(values[begin:end], gradient[begin:end], mean[begin:end], square[begin:end], rates, root)
 
@@ -41,8 +41,8 @@ def _update(values, gradient, mean, square, rates, root, lanes):  # type: ignore
 @inner
 def _update_run(values, gradient, mean, square, rates, root):  # type: ignore[no-untyped-def]
     for i in range(len(values)):
-        along = _KEEP * mean[i] + _ADD * gradient[i]
-        squared = _KEEP_SQUARE * square[i] + _ADD_SQUARE * gradient[i] * gradient[i]
-        mean[i] = along
-        square[i] = squared
-        values[i] -= rates[i] * along / (math.sqrt(squared) * root + _EPSILON)
+        new_mean = _KEEP * mean[i] + _ADD * gradient[i]
+        new_square = _KEEP_SQUARE * square[i] + _ADD_SQUARE * gradient[i] * gradient[i]
+        mean[i] = new_mean
+        square[i] = new_square
+        values[i] -= rates[i] * new_mean / (math.sqrt(new_square) * root + _EPSILON)

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.fit.optimise import SplatOptimiser
-from gaussian_enhancer.splat.fit.turned import rotate_vectors
+from gaussian_enhancer.splat.fit.rotation import rotate_vectors
 from gaussian_enhancer.splat.screen import ScreenStatistics
 from gaussian_enhancer.typed import check_fields
 from gaussian_enhancer.types import Gaussians
@@ -106,7 +106,7 @@ class ScreenGradientMean:
 @torch.no_grad()
 def densify(
     optimiser: SplatOptimiser,
-    pull: ScreenGradientMean,
+    screen_gradients: ScreenGradientMean,
     settings: Densification,
     extent: float,
     limit: int,
@@ -116,7 +116,7 @@ def densify(
 
     Args:
         optimiser: the Gaussians and their moments; changed in place.
-        pull: screen gradients since the last change.
+        screen_gradients: screen gradients since the last change.
         settings: thresholds.
         extent: camera extent in scene units.
         limit: largest number of Gaussians.
@@ -125,8 +125,9 @@ def densify(
     gaussians = optimiser.gaussians()
     useful = ~_prune_mask(gaussians, settings, extent)
     allowed_growth = min(limit - int(useful.sum()), int(settings.growth * len(gaussians)) + 1)
-    candidates = useful & (pull.mean() > settings.pull)
-    selected = _select_strongest(pull.mean(), candidates, max(0, allowed_growth))
+    gradients = screen_gradients.mean()
+    candidates = useful & (gradients > settings.pull)
+    selected = _select_strongest(gradients, candidates, max(0, allowed_growth))
     is_large = gaussians.log_scales.exp().amax(1) > settings.small * extent
     gaussians = dataclasses.replace(
         gaussians, opacity_logits=torch.where(selected, _shared_opacity(gaussians), gaussians.opacity_logits)
@@ -140,22 +141,23 @@ def densify(
         optimiser.append(added)
 
 
-def _shared_opacity(old: Gaussians) -> Float[Tensor, " n"]:
+def _shared_opacity(gaussians: Gaussians) -> Float[Tensor, " n"]:
     """Logits of the opacity that two coincident Gaussians need to be as opaque as the original."""
-    return torch.logit(1 - (1 - old.opacity_logits.sigmoid()).sqrt(), eps=1e-6)
+    return torch.logit(1 - (1 - gaussians.opacity_logits.sigmoid()).sqrt(), eps=1e-6)
 
 
-def _prune_mask(old: Gaussians, settings: Densification, extent: float) -> Bool[Tensor, " n"]:
+def _prune_mask(gaussians: Gaussians, settings: Densification, extent: float) -> Bool[Tensor, " n"]:
     """Mask of Gaussians that are nearly transparent or far too large."""
-    useless = old.opacity_logits.sigmoid() < settings.opacity
-    return useless | (old.log_scales.exp().amax(1) > settings.world_size * extent)
+    transparent = gaussians.opacity_logits.sigmoid() < settings.opacity
+    return transparent | (gaussians.log_scales.exp().amax(1) > settings.world_size * extent)
 
 
-def _select_strongest(values: Tensor, wanted: Tensor, count: int) -> Bool[Tensor, " n"]:
-    selected = torch.zeros_like(wanted)
-    candidates = wanted.nonzero()[:, 0]
-    order = values[candidates].argsort(descending=True, stable=True)
-    selected[candidates[order[:count]]] = True
+def _select_strongest(values: Tensor, candidates: Tensor, count: int) -> Bool[Tensor, " n"]:
+    """Mask of the ``count`` candidates with the largest values."""
+    selected = torch.zeros_like(candidates)
+    indices = candidates.nonzero()[:, 0]
+    order = values[indices].argsort(descending=True, stable=True)
+    selected[indices[order[:count]]] = True
     return selected
 
 
@@ -164,10 +166,4 @@ def _smaller_half(parents: Gaussians, generator: torch.Generator) -> Gaussians:
     scales = parents.log_scales.exp()
     offsets = torch.randn(scales.shape, generator=generator).to(scales) * scales
     means = parents.means + rotate_vectors(parents.quaternions, offsets)
-    return Gaussians(
-        means,
-        (scales / SPLIT_SHRINK).log(),
-        parents.quaternions,
-        parents.opacity_logits,
-        parents.sh,
-    )
+    return dataclasses.replace(parents, means=means, log_scales=(scales / SPLIT_SHRINK).log())

@@ -7,6 +7,7 @@ numbers as an uninterrupted one.
 import dataclasses
 import time
 from collections.abc import Callable
+from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,16 @@ from gaussian_enhancer.splat.near import near_plane
 from gaussian_enhancer.splat.render import render
 from gaussian_enhancer.splat.screen import ScreenStatistics
 from gaussian_enhancer.types import Gaussians
+
+
+class _Purpose(IntEnum):
+    """Uses of random numbers; each has its own generator at every step."""
+
+    INITIALISATION = 0
+    DENSIFICATION = 2
+    PHOTO_ORDER = 3
+    NOISE = 5
+
 
 SMOOTHING_EVERY = 100
 """Steps between two updates of the 3D filter's size of each Gaussian (Mip-Splatting's interval)."""
@@ -74,26 +85,26 @@ def fit(
     """
     settings = dataclasses.replace(settings or FitSettings(), **choices)
     with waiting_bar(f"photos of {scene.name}", progress):
-        work = _FitState(scene, method, folder, settings, torch.device(device), stopwatch or Stopwatch())
+        state = _FitState(scene, method, folder, settings, torch.device(device), stopwatch or Stopwatch())
     with FitProgress(0, "plane sweep", progress) as bar:
-        work.restore_or_initialise(bar.update_views)
+        state.restore_or_initialise(bar.update_views)
     last_step = settings.steps if stop_after is None else min(stop_after, settings.steps)
     snapshots = settings.snapshot_steps()
     saved_at = time.monotonic()
     with (
         FitProgress(settings.steps, f"fit {scene.name} ({method.name})", progress) as bar,
-        work.watch.time_render_parts(),
+        state.watch.time_render_parts(),
     ):
-        while work.step < last_step:
-            loss, difference = work.train_step()
-            bar.update(work.step, loss, difference, len(work.optimiser))
-            if work.step in snapshots:
-                export_views(folder, scene, work.splat(), method, work.step)
-            if work.step in snapshots or time.monotonic() - saved_at > checkpoint_seconds:
-                work.save()
+        while state.step < last_step:
+            loss, difference = state.train_step()
+            bar.update(state.step, loss, difference, len(state.optimiser))
+            if state.step in snapshots:
+                export_views(folder, scene, state.splat(), method, state.step)
+            if state.step in snapshots or time.monotonic() - saved_at > checkpoint_seconds:
+                state.save()
                 saved_at = time.monotonic()
-    work.save()
-    gaussians = work.splat()
+    state.save()
+    gaussians = state.splat()
     if last_step == settings.steps:
         export_splat(folder, scene, gaussians)
         discard_checkpoint(folder)
@@ -138,7 +149,7 @@ class _FitState:
             self.settings.init,
             count=min(self.settings.start_gaussians, self.settings.max_gaussians),
             sh_degree=self.settings.sh_degree,
-            generator=self._generator(0),
+            generator=self._generator(_Purpose.INITIALISATION),
             sweep=self.settings.sweep,
             progress=progress,
         )
@@ -212,15 +223,22 @@ class _FitState:
         if settings.is_due(self.step, steps):
             limit = self.settings.max_gaussians
             if isinstance(settings, Relocation):
-                relocate(self.optimiser, settings, limit, self._generator(2))
+                relocate(self.optimiser, settings, limit, self._generator(_Purpose.DENSIFICATION))
             else:
-                densify(self.optimiser, self.screen_gradients, settings, self.extent, limit, self._generator(2))
+                densify(
+                    self.optimiser,
+                    self.screen_gradients,
+                    settings,
+                    self.extent,
+                    limit,
+                    self._generator(_Purpose.DENSIFICATION),
+                )
             self.screen_gradients = ScreenGradientMean(len(self.optimiser), self.device)
             self._smooth()
             if len(self.optimiser) == 0:
                 raise InputError(f"fit of scene {self.scene.name}", "lost all Gaussians", "lower densification.opacity")
         if isinstance(settings, Relocation) and settings.noise > 0:
-            explore(self.optimiser, settings, self.extent, self.step - 1, self._generator(5))
+            explore(self.optimiser, settings, self.extent, self.step - 1, self._generator(_Purpose.NOISE))
         if self.step % SMOOTHING_EVERY == 0 or self.step == steps:
             self._smooth()
 
@@ -232,10 +250,12 @@ class _FitState:
     def _photo_number(self) -> int:
         """Index of this step's photo: every photo once per round, in an order that seed and round determine."""
         count = len(self.photos)
-        order = torch.randperm(count, generator=_generator_of(self.settings.seed, self.step // count, 3))
+        order = torch.randperm(
+            count, generator=_generator_of(self.settings.seed, self.step // count, _Purpose.PHOTO_ORDER)
+        )
         return int(order[self.step % count])
 
-    def _generator(self, purpose: int) -> torch.Generator:
+    def _generator(self, purpose: _Purpose) -> torch.Generator:
         return _generator_of(self.settings.seed, self.step, purpose)
 
     def _checkpoint_identity(self) -> str:
@@ -243,5 +263,5 @@ class _FitState:
         return f"{self.scene.name}, {len(self.photos)} photos, {self.method}, {self.settings}"
 
 
-def _generator_of(seed: int, step: int, purpose: int) -> torch.Generator:
+def _generator_of(seed: int, step: int, purpose: _Purpose) -> torch.Generator:
     return torch.Generator().manual_seed(((seed * 1_000_003 + step) * 8 + purpose) % 2**63)

@@ -24,10 +24,9 @@ def gaussians_from_points(
     axes: int = 3,
     sh_degree: int = 1,
     opacity: float = 0.1,
-    deviations: Float[Tensor, " p"] | None = None,
     facing: Float[Tensor, "p 3"] | None = None,
 ) -> Gaussians:
-    """One Gaussian per point, as wide as the distance to its neighbours: sqrt(mean of the three smallest d^2).
+    """One isotropic Gaussian per point; its standard deviation is the RMS distance to the three nearest points.
 
     Source: Kerbl et al., 3D Gaussian Splatting, SIGGRAPH 2023, section 5.1.
 
@@ -36,7 +35,6 @@ def gaussians_from_points(
         axes: number of scale axes, 3 for ellipsoids and 2 for disks.
         sh_degree: degree of the colour's spherical harmonics, 0 to 3; all but the constant start at zero.
         opacity: initial opacity, in (0, 1).
-        deviations: standard deviations in scene units, instead of the neighbours' distances.
         facing: unit normal of the surface at each point, for the third axis (a disk's normal).
 
     Raises:
@@ -47,12 +45,10 @@ def gaussians_from_points(
         raise InputError("points to start from", "are none", "start with init=plane_sweep or init=random")
     if not (points.positions.isfinite().all() and points.colours.isfinite().all()):
         raise InputError("points to start from", "hold values that are not finite", "remove those points")
-    if deviations is None:
-        deviations = neighbour_distances(points.positions)
-    scales = deviations.clamp(min=1e-7).log()[:, None].repeat(1, axes)
+    scales = neighbour_distances(points.positions).clamp(min=1e-7).log()[:, None].repeat(1, axes)
     sh = torch.zeros(count, (sh_degree + 1) ** 2, 3)
     sh[:, 0] = (points.colours - 0.5) / SH_0
-    quaternions = torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(count, 1) if facing is None else _turn_to(facing)
+    quaternions = torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(count, 1) if facing is None else _rotations_to(facing)
     logits = torch.full((count,), math.log(opacity / (1 - opacity)))
     return Gaussians(points.positions.clone(), scales, quaternions, logits, sh)
 
@@ -80,7 +76,7 @@ def random_points(cameras: Sequence[Camera], count: int, generator: torch.Genera
 
 
 def neighbour_distances(positions: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
-    """Root mean square distance to the three nearest other points; exact.
+    """Root mean square distance to the three nearest other points, by exact search.
 
     Args:
         positions: points in scene units; a single one has distance 1.
@@ -90,8 +86,8 @@ def neighbour_distances(positions: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
     from gaussian_enhancer.splat.fit.neighbour_kernels import nearest_three
 
     values = positions.detach().cpu().double()
-    order = values[:, values.var(0).argmax()].argsort()
     axis = int(values.var(0).argmax())
+    order = values[:, axis].argsort()
     squared = np.empty(len(values))
     nearest_three(np.ascontiguousarray(values[order].numpy()), axis, squared)
     result = torch.empty(len(values))
@@ -107,7 +103,7 @@ def _in_frustum(camera: Camera, count: int, distance: float, generator: torch.Ge
     return (rays / inverse_depths - camera.world_to_camera[:3, 3]) @ camera.rotation
 
 
-def _turn_to(normals: Tensor) -> Tensor:
+def _rotations_to(normals: Tensor) -> Tensor:
     """Quaternions of the smallest rotations that turn the z axis to the given unit directions."""
     w = 1 + normals[:, 2]
     quaternions = torch.stack([w, -normals[:, 1], normals[:, 0], torch.zeros_like(w)], 1)

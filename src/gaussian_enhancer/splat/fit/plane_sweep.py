@@ -79,7 +79,7 @@ def sweep_points(
     cameras: Sequence[Camera],
     settings: SweepSettings = SweepSettings(),
     *,
-    known: Points | None = None,
+    known_points: Points | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> SweptPoints:
     """Points on surfaces that several photos confirm; of several views of a point, only the first one adds it.
@@ -88,7 +88,8 @@ def sweep_points(
         photos: training photos in [0, 1].
         cameras: their cameras.
         settings: settings of the sweep.
-        known: points from which the depth range is estimated; without enough of them a coarse sweep estimates it.
+        known_points: points from which the depth range is estimated; where fewer than 100 are visible, a coarse sweep
+            estimates it.
         progress: called with the number of finished views and the number of all views.
 
     Raises:
@@ -96,28 +97,19 @@ def sweep_points(
     """
     stride = -(-len(photos) // settings.views)
     photos, cameras = photos[::stride], cameras[::stride]
-    known_depths = _known_depths(known, cameras)
+    known_depths = _known_depths(known_points, cameras)
     distance = focus_distance(cameras) if known_depths is None else float(known_depths.median())
     views = _views(photos, cameras, distance, settings)
     coarse_depths = _coarse_depths(views, distance, settings) if known_depths is None else known_depths
-    near, far = _depth_range(coarse_depths, distance)
-    inverse_depths = torch.linspace(1 / far, 1 / near, settings.planes, dtype=torch.float64)
-    inverse_depth_maps = []
-    for index, view in enumerate(views):
-        inverse_depth_maps.append(
-            inverse_depth(view.image, view.camera, *_neighbour_images(views, view), inverse_depths, settings)
-        )
-        if progress is not None:
-            progress(index + 1, len(views))
-    step = float(inverse_depths[1] - inverse_depths[0])
-    return _merge_confirmed(views, inverse_depth_maps, step, settings)
+    planes = _inverse_depths(coarse_depths, distance, settings.planes)
+    return _merge_confirmed(views, _sweep(views, planes, settings, progress), planes, settings)
 
 
 def sweep_depths(
     images: Sequence[Float[Tensor, "3 _ _"]],
     cameras: Sequence[Camera],
     sources: int,
-    known: Points,
+    known_points: Points,
     settings: SweepSettings = SweepSettings(),
     *,
     progress: Callable[[int, int], None] | None = None,
@@ -128,7 +120,7 @@ def sweep_depths(
         images: images in [0, 1]; those to compare with stand last.
         cameras: cameras of the images, with the images' sizes.
         sources: number of images, at the end of the list, that every image is compared with.
-        known: points from which the depth range is estimated.
+        known_points: points from which the depth range is estimated.
         settings: settings of the sweep; ``agreement``, ``confirmations`` and ``views`` have no effect.
         progress: called with the number of finished images and the number of all images.
 
@@ -138,27 +130,19 @@ def sweep_depths(
     Raises:
         InputError: fewer than two images, or all cameras are at one place.
     """
-    known_depths = _known_depths(known, cameras)
+    known_depths = _known_depths(known_points, cameras)
     distance = focus_distance(cameras) if known_depths is None else float(known_depths.median())
     views = _views(images, cameras, distance, settings, len(images) - sources)
-    near, far = _depth_range(torch.empty(0) if known_depths is None else known_depths, distance)
-    inverse_depths = torch.linspace(1 / far, 1 / near, settings.planes, dtype=torch.float64)
-    depths = []
-    for index, view in enumerate(views):
-        depths.append(
-            1 / inverse_depth(view.image, view.camera, *_neighbour_images(views, view), inverse_depths, settings)[None]
-        )
-        if progress is not None:
-            progress(index + 1, len(views))
-    return depths
+    planes = _inverse_depths(known_depths, distance, settings.planes)
+    return [1 / inverse_depth_map[None] for inverse_depth_map in _sweep(views, planes, settings, progress)]
 
 
 def inverse_depth(
     image: np.ndarray,
     camera: Camera,
-    others: np.ndarray,
-    other_cameras: Sequence[Camera],
-    inverse: Float[Tensor, " d"],
+    neighbours: np.ndarray,
+    neighbour_cameras: Sequence[Camera],
+    inverse_depths: Float[Tensor, " d"],
     settings: SweepSettings = SweepSettings(),
 ) -> Float[Tensor, "h w"]:
     """Inverse depth of every pixel of a view.
@@ -168,16 +152,16 @@ def inverse_depth(
     Args:
         image: the view, (h, w, 3) float32.
         camera: its camera.
-        others: neighbours, (j, H, W, 3) float32.
-        other_cameras: their cameras.
-        inverse: ascending inverse depths to try, in equal steps.
+        neighbours: images to compare with, (j, H, W, 3) float32.
+        neighbour_cameras: their cameras.
+        inverse_depths: ascending inverse depths to try, in equal steps.
         settings: window and smoothness.
     """
     from gaussian_enhancer.splat.fit import plane_sweep_kernels as kernels
 
-    homographies = _homographies(camera, other_cameras, inverse)
-    volume = np.empty((*image.shape[:2], len(inverse)), np.float32)
-    kernels.cost_volume(image, others, homographies, settings.radius, volume)
+    homographies = _homographies(camera, neighbour_cameras, inverse_depths)
+    volume = np.empty((*image.shape[:2], len(inverse_depths)), np.float32)
+    kernels.cost_volume(image, neighbours, homographies, settings.radius, volume)
     if settings.smoothness > 0:
         smoothed = np.zeros_like(volume)
         penalty = np.float32(settings.smoothness)
@@ -185,13 +169,14 @@ def inverse_depth(
         volume = smoothed
     index = np.empty(image.shape[:2], np.float32)
     kernels.best_plane(volume, index)
-    return (inverse[0] + torch.from_numpy(index) * (inverse[1] - inverse[0])).float()
+    step = inverse_depths[1] - inverse_depths[0]
+    return (inverse_depths[0] + torch.from_numpy(index) * step).float()
 
 
 def _views(
-    photos: Sequence[Tensor], cameras: Sequence[Camera], distance: float, settings: SweepSettings, first: int = 0
+    photos: Sequence[Tensor], cameras: Sequence[Camera], distance: float, settings: SweepSettings, first_source: int = 0
 ) -> list[_View]:
-    """Reduced photos with their neighbours, which are chosen among the photos from index ``first`` on."""
+    """Reduced photos with their neighbours, which are chosen among the photos from index ``first_source`` on."""
     if len(photos) < 2:
         raise InputError("plane sweep", f"has {len(photos)} photo", "give at least two training photos")
     centres = torch.stack([camera.centre for camera in cameras])
@@ -202,7 +187,7 @@ def _views(
         height, width = (max(8, side // factor) for side in (camera.height, camera.width))
         image = functional.interpolate(photo[None], (height, width), mode="area")[0]
         # A view from the same place gives no information about depth: its cost is infinite.
-        ranked = [int(j) for j in cost[i].argsort() if j >= first and cost[i, j].isfinite()]
+        ranked = [int(j) for j in cost[i].argsort() if j >= first_source and cost[i, j].isfinite()]
         channels_last = np.ascontiguousarray(image.permute(1, 2, 0).numpy())
         views.append(_View(channels_last, camera.resized(height, width), ranked[: settings.neighbours]))
     if not any(view.neighbours for view in views):
@@ -212,78 +197,94 @@ def _views(
 
 def _neighbour_images(views: list[_View], view: _View) -> tuple[np.ndarray, list[Camera]]:
     """The neighbours' images on a common canvas (photos of a scene may differ in size) and their cameras."""
-    chosen = [views[j] for j in view.neighbours]
-    height = max((v.image.shape[0] for v in chosen), default=1)
-    width = max((v.image.shape[1] for v in chosen), default=1)
-    canvas = np.zeros((len(chosen), height, width, 3), np.float32)
-    for k, v in enumerate(chosen):
+    neighbours = [views[j] for j in view.neighbours]
+    height = max((v.image.shape[0] for v in neighbours), default=1)
+    width = max((v.image.shape[1] for v in neighbours), default=1)
+    canvas = np.zeros((len(neighbours), height, width, 3), np.float32)
+    for k, v in enumerate(neighbours):
         canvas[k, : v.image.shape[0], : v.image.shape[1]] = v.image
-    return canvas, [v.camera for v in chosen]
+    return canvas, [v.camera for v in neighbours]
 
 
-def _homographies(camera: Camera, others: Sequence[Camera], inverse: Tensor) -> np.ndarray:
+def _sweep(
+    views: list[_View],
+    inverse_depths: Float[Tensor, " d"],
+    settings: SweepSettings,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Tensor]:
+    """Inverse depth map of each view."""
+    maps = []
+    for view in views:
+        maps.append(inverse_depth(view.image, view.camera, *_neighbour_images(views, view), inverse_depths, settings))
+        if progress is not None:
+            progress(len(maps), len(views))
+    return maps
+
+
+def _homographies(camera: Camera, neighbours: Sequence[Camera], inverse_depths: Tensor) -> np.ndarray:
+    """Homographies (d, j, 3, 3) from a view to its neighbours, by the planes of the inverse depths."""
     inverse_intrinsics = torch.linalg.inv(camera.K.double())
     homographies = []
-    for other in others:
-        relative_pose = other.world_to_camera.double() @ torch.linalg.inv(camera.world_to_camera.double())
-        planes = relative_pose[:3, :3].repeat(len(inverse), 1, 1)
-        planes[:, :, 2] += inverse[:, None].double() * relative_pose[:3, 3]
-        homographies.append(other.K.double() @ planes @ inverse_intrinsics)
+    for neighbour in neighbours:
+        relative_pose = neighbour.world_to_camera.double() @ torch.linalg.inv(camera.world_to_camera.double())
+        planes = relative_pose[:3, :3].repeat(len(inverse_depths), 1, 1)
+        planes[:, :, 2] += inverse_depths[:, None].double() * relative_pose[:3, 3]
+        homographies.append(neighbour.K.double() @ planes @ inverse_intrinsics)
     return torch.stack(homographies, 1).float().numpy()
 
 
-def _known_depths(known: Points | None, cameras: Sequence[Camera]) -> Tensor | None:
-    """Depths of known points in all cameras that see them; None if there are fewer than 100."""
-    if known is None or len(known.positions) < 100:
+def _known_depths(points: Points | None, cameras: Sequence[Camera]) -> Tensor | None:
+    """Depths of points in all cameras that see them; None if there are fewer than 100."""
+    if points is None or len(points.positions) < 100:
         return None
-    depths = torch.cat([_visible_depths(known.positions, camera) for camera in cameras])
+    depths = torch.cat([_visible_depths(points.positions, camera) for camera in cameras])
     return depths if len(depths) >= 100 else None
 
 
 def _visible_depths(positions: Tensor, camera: Camera) -> Tensor:
-    depths, seen = seen_from(camera, positions)
-    return depths[seen]
+    depths, visible = seen_from(camera, positions)
+    return depths[visible]
 
 
 def _coarse_depths(views: list[_View], distance: float, settings: SweepSettings) -> Tensor:
     """Depths that two neighbours confirm in a sweep of small images over a wide range; empty if they are too few."""
-    inverse_depths = torch.linspace(0.02 / distance, 4.0 / distance, settings.planes, dtype=torch.float64)
+    planes = torch.linspace(0.02 / distance, 4.0 / distance, settings.planes, dtype=torch.float64)
     coarse_views = [_reduce_photo(view) for view in views]
-    inverse_depth_maps = [
-        inverse_depth(v.image, v.camera, *_neighbour_images(coarse_views, v), inverse_depths, settings)
-        for v in coarse_views
-    ]
     strict_settings = dataclasses.replace(settings, confirmations=2)
-    positions = _merge_confirmed(
-        coarse_views, inverse_depth_maps, float(inverse_depths[1] - inverse_depths[0]), strict_settings
-    ).points.positions
+    inverse_depth_maps = _sweep(coarse_views, planes, settings)
+    positions = _merge_confirmed(coarse_views, inverse_depth_maps, planes, strict_settings).points.positions
     visible_depths = torch.cat([_visible_depths(positions, view.camera) for view in coarse_views])
     return visible_depths if len(positions) >= 100 else visible_depths[:0]
 
 
-def _depth_range(depths: Tensor, distance: float) -> tuple[float, float]:
-    """Nearest and farthest depth to search: the range of known depths with a margin, or a wide guess."""
-    if len(depths) == 0:
-        return distance / 4, distance * 50
-    inverse_depths = 1 / depths[:: -(-len(depths) // 1_000_000)].double()
-    inverse_near, inverse_far = float(inverse_depths.quantile(0.99)), float(inverse_depths.quantile(0.01))
-    return 1 / (1.3 * inverse_near), 1 / (0.6 * inverse_far)
+def _inverse_depths(depths: Tensor | None, distance: float, count: int) -> Float[Tensor, " d"]:
+    """Inverse depths to search, in equal steps over the range of known depths with a margin, or over a wide range."""
+    if depths is None or len(depths) == 0:
+        near, far = distance / 4, distance * 50
+    else:
+        inverse = 1 / depths[:: -(-len(depths) // 1_000_000)].double()
+        near, far = 1 / (1.3 * float(inverse.quantile(0.99))), 1 / (0.6 * float(inverse.quantile(0.01)))
+    return torch.linspace(1 / far, 1 / near, count, dtype=torch.float64)
 
 
 def _reduce_photo(view: _View) -> _View:
+    """The view at half the size, without antialiasing."""
     image = np.ascontiguousarray(view.image[::2, ::2])
     return _View(image, view.camera.resized(*image.shape[:2]), view.neighbours)
 
 
-def _merge_confirmed(views: list[_View], depths: list[Tensor], step: float, settings: SweepSettings) -> SweptPoints:
+def _merge_confirmed(
+    views: list[_View], inverse_depth_maps: list[Tensor], planes: Float[Tensor, " d"], settings: SweepSettings
+) -> SweptPoints:
     """Keep points that enough neighbours confirm and that no earlier view contains."""
+    step = float(planes[1] - planes[0])
     positions, colours, confirmations = [], [], []
     for i, view in enumerate(views):
-        world_points = _unproject(view.camera, depths[i])
+        world_points = _unproject(view.camera, inverse_depth_maps[i])
         confirmed = torch.zeros(len(world_points))
         already_merged = torch.zeros(len(world_points), dtype=torch.bool)
         for j in view.neighbours:
-            agrees = _agreement_mask(world_points, views[j].camera, depths[j], step, settings)
+            agrees = _agreement_mask(world_points, views[j].camera, inverse_depth_maps[j], step, settings)
             confirmed += agrees
             if j < i:
                 already_merged |= agrees
@@ -294,20 +295,23 @@ def _merge_confirmed(views: list[_View], depths: list[Tensor], step: float, sett
     return SweptPoints(Points(torch.cat(positions), torch.cat(colours)), torch.cat(confirmations))
 
 
-def _agreement_mask(world: Tensor, camera: Camera, inverse: Tensor, step: float, settings: SweepSettings) -> Tensor:
+def _agreement_mask(
+    points: Tensor, camera: Camera, inverse_depth_map: Tensor, step: float, settings: SweepSettings
+) -> Tensor:
     """Whether a view's inverse depth map agrees with the inverse depth of each point."""
-    camera_points = world @ camera.rotation.T + camera.world_to_camera[:3, 3]
+    height, width = inverse_depth_map.shape
+    camera_points = points @ camera.rotation.T + camera.world_to_camera[:3, 3]
     pixels = camera_points @ camera.K.T
     depth = pixels[:, 2].clamp(min=1e-9)
     x, y = (pixels[:, 0] / depth).long(), (pixels[:, 1] / depth).long()
-    inside = (pixels[:, 2] > 0) & (x >= 0) & (y >= 0) & (x < inverse.shape[1]) & (y < inverse.shape[0])
-    sampled = inverse[y.clamp(0, inverse.shape[0] - 1), x.clamp(0, inverse.shape[1] - 1)]
+    inside = (pixels[:, 2] > 0) & (x >= 0) & (y >= 0) & (x < width) & (y < height)
+    sampled = inverse_depth_map[y.clamp(0, height - 1), x.clamp(0, width - 1)]
     return inside & ((1 / depth - sampled).abs() < torch.clamp(settings.agreement * sampled, min=step))
 
 
-def _unproject(camera: Camera, inverse: Tensor) -> Tensor:
+def _unproject(camera: Camera, inverse_depth_map: Tensor) -> Tensor:
     """World position of every pixel's surface, row by row."""
-    height, width = inverse.shape
+    height, width = inverse_depth_map.shape
     y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
     rays = torch.stack([x, y, torch.ones_like(x)], -1).reshape(-1, 3) @ torch.linalg.inv(camera.K).T
-    return (rays / inverse.reshape(-1, 1) - camera.world_to_camera[:3, 3]) @ camera.rotation
+    return (rays / inverse_depth_map.reshape(-1, 1) - camera.world_to_camera[:3, 3]) @ camera.rotation

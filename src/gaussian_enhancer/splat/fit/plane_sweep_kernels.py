@@ -17,7 +17,7 @@ OUTSIDE_COST = np.float32(0.5)
 
 @exact_inner
 @no_type_check
-def _difference(image, other, homography, out):
+def _difference(image, neighbour, homography, out):
     """Mean absolute difference over channels of the view and a neighbour warped by one plane's homography.
 
     It is at most `OUTSIDE_COST`.
@@ -32,14 +32,14 @@ def _difference(image, other, homography, out):
                 continue
             px = (homography[0, 0] * u + homography[0, 1] * v + homography[0, 2]) / depth - np.float32(0.5)
             py = (homography[1, 0] * u + homography[1, 1] * v + homography[1, 2]) / depth - np.float32(0.5)
-            if not (0 <= px < other.shape[1] - 1 and 0 <= py < other.shape[0] - 1):
+            if not (0 <= px < neighbour.shape[1] - 1 and 0 <= py < neighbour.shape[0] - 1):
                 continue
             x0, y0 = int(px), int(py)
             fx, fy = px - np.float32(x0), py - np.float32(y0)
             total = np.float32(0)
             for c in range(3):
-                top = other[y0, x0, c] + fx * (other[y0, x0 + 1, c] - other[y0, x0, c])
-                bottom = other[y0 + 1, x0, c] + fx * (other[y0 + 1, x0 + 1, c] - other[y0 + 1, x0, c])
+                top = neighbour[y0, x0, c] + fx * (neighbour[y0, x0 + 1, c] - neighbour[y0, x0, c])
+                bottom = neighbour[y0 + 1, x0, c] + fx * (neighbour[y0 + 1, x0 + 1, c] - neighbour[y0 + 1, x0, c])
                 total += abs(top + fy * (bottom - top) - image[y, x, c])
             out[y, x] = min(OUTSIDE_COST, total / np.float32(3))
 
@@ -68,19 +68,19 @@ def _box(values, radius, out):
 
 @exact_kernel
 @no_type_check
-def cost_volume(image, others, homographies, radius, volume):
+def cost_volume(image, neighbours, homographies, radius, volume):
     """Windowed absolute differences, averaged over the better half of the neighbours: the rest may be occluded.
 
-    Args: image (h, w, 3), others (j, H, W, 3), homographies (d, j, 3, 3), volume (h, w, d) to fill.
+    Args: image (h, w, 3), neighbours (j, H, W, 3), homographies (d, j, 3, 3), volume (h, w, d) to fill.
     """
     height, width = image.shape[0], image.shape[1]
-    views = others.shape[0]
+    views = neighbours.shape[0]
     used_count = (views + 1) // 2
     for plane in prange(homographies.shape[0]):
         raw = np.empty((height, width), np.float32)
         costs = np.empty((views, height, width), np.float32)
         for j in range(views):
-            _difference(image, others[j], homographies[plane, j], raw)
+            _difference(image, neighbours[j], homographies[plane, j], raw)
             _box(raw, radius, costs[j])
         sorted_costs = np.empty(views, np.float32)
         for y in range(height):
@@ -99,14 +99,14 @@ def cost_volume(image, others, homographies, radius, volume):
 def _path_costs(previous, cost, small, large, out):
     """Path costs of a pixel in semi-global matching: changes by one plane cost ``small``, larger ones ``large``."""
     planes = cost.shape[0]
-    least = previous.min()
+    cheapest = previous.min()
     for d in range(planes):
-        value = min(previous[d], least + large)
+        value = min(previous[d], cheapest + large)
         if d > 0:
             value = min(value, previous[d - 1] + small)
         if d < planes - 1:
             value = min(value, previous[d + 1] + small)
-        out[d] = cost[d] + value - least
+        out[d] = cost[d] + value - cheapest
 
 
 @exact_kernel
@@ -152,7 +152,7 @@ def best_plane(volume, index):
             best = np.argmin(volume[y, x])
             index[y, x] = best
             if 0 < best < planes - 1:
-                before, at, after = volume[y, x, best - 1], volume[y, x, best], volume[y, x, best + 1]
-                curvature = before - 2 * at + after
+                before, cost, after = volume[y, x, best - 1], volume[y, x, best], volume[y, x, best + 1]
+                curvature = before - 2 * cost + after
                 if curvature > 0:
                     index[y, x] = best + 0.5 * (before - after) / curvature

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import TracebackType
-from typing import Any
+from typing import Self
 
 from jaxtyping import Float
 from rich.console import Console
@@ -56,7 +56,7 @@ class FitProgress:
         self._loss: float | None = None
         self._error: float | None = None
 
-    def __enter__(self) -> Any:
+    def __enter__(self) -> Self:
         self._bar.start()
         return self
 
@@ -66,7 +66,7 @@ class FitProgress:
         self._bar.stop()
 
     def update(self, step: int, loss: Tensor, difference: Float[Tensor, "3 h w"], count: int) -> None:
-        """Show the state after a step; loss and PSNR are running means.
+        """Show the state after a step; loss and squared error are exponential moving averages.
 
         Args:
             step: steps done.
@@ -76,8 +76,8 @@ class FitProgress:
         """
         if self._bar.disable or (step % EVERY and step > 1):
             return
-        self._loss = _mix(self._loss, float(loss))
-        self._error = _mix(self._error, float(difference.square().mean()))
+        self._loss = _update_mean(self._loss, float(loss))
+        self._error = _update_mean(self._error, float(difference.square().mean()))
         psnr = -10 * math.log10(max(self._error, 1e-10))
         state = f"loss {self._loss:.4f}  {psnr:.2f} dB  {count} Gaussians"
         self._bar.update(self._task, completed=step, state=state)
@@ -87,5 +87,6 @@ class FitProgress:
         self._bar.update(self._task, completed=views, total=total)
 
 
-def _mix(mean: float | None, value: float) -> float:
+def _update_mean(mean: float | None, value: float) -> float:
+    """Exponential moving average."""
     return value if mean is None else 0.9 * mean + 0.1 * value

@@ -5,6 +5,7 @@ Source: Kheradmand et al., 3D Gaussian Splatting as Markov Chain Monte Carlo, Ne
 section 4.1. Difference: lengths in the noise are in camera extents, so that results do not depend on a scene's unit.
 """
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -15,7 +16,7 @@ from torch import Tensor
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.fit.densify import is_due_between
 from gaussian_enhancer.splat.fit.optimise import SplatOptimiser
-from gaussian_enhancer.splat.fit.turned import rotate_vectors
+from gaussian_enhancer.splat.fit.rotation import rotate_vectors
 from gaussian_enhancer.types import Gaussians
 
 MOST_COPIES = 51
@@ -111,7 +112,7 @@ def relocate(optimiser: SplatOptimiser, settings: Relocation, limit: int, genera
 def explore(
     optimiser: SplatOptimiser, settings: Relocation, extent: float, number: int, generator: torch.Generator
 ) -> None:
-    """Shift the centres of nearly transparent Gaussians by noise with the Gaussians' shape (equation 8).
+    """Shift the centres of nearly transparent Gaussians by noise that is shaped by their covariance (equation 8).
 
     With the camera extent as the unit of length, dx = noise lr sigmoid(100 (0.005 - o)) Sigma eta with eta ~ N(0, I).
 
@@ -136,9 +137,9 @@ def explore(
 def _draw_indices(weights: Float[Tensor, " m"], count: int, generator: torch.Generator) -> Int64[Tensor, " d"]:
     """Indices drawn in proportion to the weights, with replacement."""
     # torch.multinomial does not take more than 2^24 weights
-    edges = weights.double().cpu().cumsum(0)
-    samples = torch.rand(count, generator=generator, dtype=torch.float64) * edges[-1]
-    return torch.searchsorted(edges, samples, right=True).clamp(max=len(weights) - 1).to(weights.device)
+    cumulative_weights = weights.double().cpu().cumsum(0)
+    samples = torch.rand(count, generator=generator, dtype=torch.float64) * cumulative_weights[-1]
+    return torch.searchsorted(cumulative_weights, samples, right=True).clamp(max=len(weights) - 1).to(weights.device)
 
 
 def _split_opacity(optimiser: SplatOptimiser, drawn: Int64[Tensor, " d"], settings: Relocation) -> Gaussians:
@@ -149,12 +150,10 @@ def _split_opacity(optimiser: SplatOptimiser, drawn: Int64[Tensor, " d"], settin
     originals = gaussians[parents]
     optimiser.overwrite(
         parents,
-        Gaussians(
-            originals.means,
-            originals.log_scales + factor.log()[:, None],
-            originals.quaternions,
-            opacity.clamp(settings.opacity, 1 - 1e-6).logit(),
-            originals.sh,
+        dataclasses.replace(
+            originals,
+            log_scales=originals.log_scales + factor.log()[:, None],
+            opacity_logits=opacity.clamp(settings.opacity, 1 - 1e-6).logit(),
         ),
     )
     return optimiser.gaussians()

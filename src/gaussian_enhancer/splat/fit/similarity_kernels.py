@@ -43,16 +43,16 @@ def photo_statistics(photo, window, mean, square):
     channels, height, width = photo.shape
     for task in prange(channels * height):
         c, y = task // height, task % height
-        first = np.zeros(width + 2 * RADIUS, np.float32)
-        second = np.zeros(width + 2 * RADIUS, np.float32)
+        row_mean = np.zeros(width + 2 * RADIUS, np.float32)
+        row_square = np.zeros(width + 2 * RADIUS, np.float32)
         for row in range(max(0, y - RADIUS), min(height, y + RADIUS + 1)):
             weight = window[row - y + RADIUS]
             for x in range(width):
                 value = photo[c, row, x]
-                first[x + RADIUS] += weight * value
-                second[x + RADIUS] += weight * value * value
-        _along_row(first, window, mean[c, y], width)
-        _along_row(second, window, square[c, y], width)
+                row_mean[x + RADIUS] += weight * value
+                row_square[x + RADIUS] += weight * value * value
+        _along_row(row_mean, window, mean[c, y], width)
+        _along_row(row_square, window, square[c, y], width)
 
 
 @kernel

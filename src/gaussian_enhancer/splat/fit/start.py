@@ -11,7 +11,7 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.scene import Points, Scene
-from gaussian_enhancer.splat.fit.initialise import gaussians_from_points, neighbour_distances, random_points
+from gaussian_enhancer.splat.fit.initialise import gaussians_from_points, random_points
 from gaussian_enhancer.splat.fit.plane_sweep import SweepSettings, SweptPoints, sweep_points
 from gaussian_enhancer.splat.fit.targets import TrainingPhotos
 from gaussian_enhancer.splat.methods import Method, TwoDGS
@@ -64,35 +64,28 @@ def starting_gaussians(
             raise InputError("init=points", f"but scene {scene.name} has none", "choose plane_sweep or random")
         points = _random_subset(scene_points, count, generator)
     elif init in ("auto", "plane_sweep"):
-        point_subset = (
-            None
-            if scene_points is None or init == "plane_sweep"
-            else _random_subset(scene_points, count // 2, generator)
-        )
-        swept_count = count if point_subset is None else count - len(point_subset.positions)
-        swept = sweep_points(photos.pixels(), photos.cameras, sweep, known=scene_points, progress=progress)
-        if len(swept.points.positions) == 0 and point_subset is None:
+        swept = sweep_points(photos.pixels(), photos.cameras, sweep, known_points=scene_points, progress=progress)
+        if init == "auto" and scene_points is not None:
+            subset = _random_subset(scene_points, count // 2, generator)
+            points = _join(subset, _most_confirmed(swept, count - len(subset.positions), generator))
+        elif len(swept.points.positions):
+            points = _most_confirmed(swept, count, generator)
+        else:
             raise InputError(f"init={init}", "found no point that two photos agree on", "choose random or points")
-        points = _most_confirmed(swept, swept_count, generator)
-        if point_subset is not None:
-            points = _joined(point_subset, points)
     else:
         raise InputError("init", f"is {init!r}", "choose auto, plane_sweep, points or random")
     disks = isinstance(method, TwoDGS)
     facing = _towards_cameras(points.positions, photos.cameras) if disks else None
-    widths = neighbour_distances(points.positions)
     opacity = 0.1 if init == "random" else OPACITY_ON_SURFACES
     axes = 2 if disks else 3
-    return gaussians_from_points(
-        points, axes=axes, sh_degree=sh_degree, opacity=opacity, deviations=widths, facing=facing
-    )
+    return gaussians_from_points(points, axes=axes, sh_degree=sh_degree, opacity=opacity, facing=facing)
 
 
 def _most_confirmed(swept: SweptPoints, count: int, generator: torch.Generator) -> Points:
     """Random choice of points that two or more neighbours confirm, and of points that only one confirms.
 
-    A share of ONCE_SHARE is reserved for the latter, which are needed at borders; they also replace missing ones of the
-    former.
+    A share of `SINGLE_CONFIRMATION_SHARE` is reserved for the latter, which are needed at borders; they also replace
+    missing ones of the former.
     """
     confirmed_twice = (swept.confirmations >= 2).nonzero()[:, 0]
     confirmed_once = (swept.confirmations < 2).nonzero()[:, 0]
@@ -109,7 +102,7 @@ def _random_subset(points: Points, count: int, generator: torch.Generator) -> Po
     return Points(points.positions[selected], points.colours[selected])
 
 
-def _joined(first: Points, second: Points) -> Points:
+def _join(first: Points, second: Points) -> Points:
     positions = torch.cat([first.positions, second.positions])
     return Points(positions, torch.cat([first.colours, second.colours]))
 

@@ -1,5 +1,6 @@
 """Run time of a fit by phase, in milliseconds."""
 
+import pkgutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -45,9 +46,9 @@ class Stopwatch:
         """Measure the parts of the renderer while the block runs."""
         with ExitStack() as stack:
             if self.enabled:
-                for name, parts in RENDER_PARTS.items():
-                    for part in parts:
-                        target = f"gaussian_enhancer.splat.{part}"
+                for name, functions in RENDER_PARTS.items():
+                    for function in functions:
+                        target = f"gaussian_enhancer.splat.{function}"
                         stack.enter_context(patch(target, self._timed(name, target)))
             yield
 
@@ -61,10 +62,7 @@ class Stopwatch:
         return "\n".join(lines)
 
     def _timed(self, name: str, target: str) -> Callable[..., Any]:
-        import importlib
-
-        module, _, attribute = target.rpartition(".")
-        function = getattr(importlib.import_module(module), attribute)
+        function = pkgutil.resolve_name(target)
 
         def timed(*args: Any, **kwargs: Any) -> Any:
             with self.phase(name):

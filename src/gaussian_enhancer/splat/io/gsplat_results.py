@@ -35,7 +35,7 @@ _REMEDY = "give the .ply that simple_trainer writes with --save-ply"
 
 
 def find_splat(path: str | Path) -> Path:
-    """Return a file as it is; of a result folder, the latest step's .ply, or its checkpoint if it has no .ply.
+    """Return a file's path unchanged; of a result folder, the latest step's .ply, or its checkpoint without a .ply.
 
     Args:
         path: a splat's file, or simple_trainer's ``result_dir``.
@@ -48,9 +48,9 @@ def find_splat(path: str | Path) -> Path:
         if not folder.is_dir():
             return folder
     candidates = [
-        (int(match[1]), part == "ply", path)
-        for part, pattern in (("ckpts", CHECKPOINT), ("ply", PLY))
-        for path in folder.glob(f"{part}/*")
+        (int(match[1]), subfolder == "ply", path)
+        for subfolder, pattern in (("ckpts", CHECKPOINT), ("ply", PLY))
+        for path in folder.glob(f"{subfolder}/*")
         if (match := pattern.fullmatch(path.name)) and match.groups()[1:] in ((), ("0",))
     ]
     if not candidates:
@@ -94,18 +94,10 @@ def read_gsplat_checkpoint(path: str | Path, *, invalid: str = "refuse") -> Gaus
             Gaussians that are refused.
     """
     file = Path(path)
-    match = CHECKPOINT.fullmatch(file.name)
-    files = [file]
-    if match is not None:
-        by_rank = {int(other_match[2]): rank_file for rank_file in file.parent.iterdir()
-                   if (other_match := CHECKPOINT.fullmatch(rank_file.name)) and other_match[1] == match[1]}  # fmt: skip
-        if sorted(by_rank) != list(range(len(by_rank))):
-            raise InputError(file, f"lies beside ranks {sorted(by_rank)}, of which one is missing", _REMEDY)
-        files = [by_rank[rank] for rank in sorted(by_rank)]
-    parts = [_part(rank_file) for rank_file in files]
-    if len({part["shN"].shape[1] for part in parts}) > 1:
+    ranks = [_read_rank(rank_file) for rank_file in _rank_files(file)]
+    if len({tensors["shN"].shape[1] for tensors in ranks}) > 1:
         raise InputError(file, "has parts of different degrees", _REMEDY)
-    joined = {name: torch.cat([part[name] for part in parts]) for name in SHAPES}
+    joined = {name: torch.cat([tensors[name] for tensors in ranks]) for name in SHAPES}
     gaussians = Gaussians(
         means=joined["means"],
         log_scales=joined["scales"],
@@ -116,8 +108,20 @@ def read_gsplat_checkpoint(path: str | Path, *, invalid: str = "refuse") -> Gaus
     return refuse_or_drop_invalid(path, gaussians, invalid)
 
 
-def _part(path: Path) -> dict[str, Tensor]:
-    """The tensors of one rank."""
+def _rank_files(file: Path) -> list[Path]:
+    """The files of a checkpoint's ranks, in order; a file whose name states no rank stands alone."""
+    match = CHECKPOINT.fullmatch(file.name)
+    if match is None:
+        return [file]
+    matches = filter(None, (CHECKPOINT.fullmatch(path.name) for path in file.parent.iterdir()))
+    by_rank = {int(other[2]): file.parent / other[0] for other in matches if other[1] == match[1]}
+    if sorted(by_rank) != list(range(len(by_rank))):
+        raise InputError(file, f"lies beside ranks {sorted(by_rank)}, of which one is missing", _REMEDY)
+    return [by_rank[rank] for rank in sorted(by_rank)]
+
+
+def _read_rank(path: Path) -> dict[str, Tensor]:
+    """The tensors of one rank, validated."""
     try:
         refuse_larger_archive(path)
         values: Any = torch.load(path, map_location="cpu", weights_only=True)
@@ -136,15 +140,13 @@ def _part(path: Path) -> dict[str, Tensor]:
     count = len(splats["means"]) if splats["means"].dim() else 0
     for name, axes in SHAPES.items():
         shape = tuple(splats[name].shape)
-        is_valid = len(shape) == 1 + len(axes) and shape[0] == count
-        if not is_valid or any(
-            expected not in (None, actual) for expected, actual in zip(axes, shape[1:], strict=True)
-        ):
+        sizes_match = all(expected in (None, actual) for expected, actual in zip((count, *axes), shape, strict=False))
+        if len(shape) != 1 + len(axes) or not sizes_match:
             raise InputError(path, f"has {name} of shape {shape} for {count} Gaussians", _REMEDY)
     if 1 + splats["shN"].shape[1] not in (1, 4, 9, 16):
         raise InputError(path, f"has {splats['shN'].shape[1]} higher harmonics", "train with a degree of 0 to 3")
     # An expanded tensor has more elements than the file stores.
-    size = regular_file(path)
-    if sum(splats[name].numel() for name in SHAPES) > size:
-        refuse_larger(path, 4 * sum(splats[name].numel() for name in SHAPES), f"claims {count} Gaussians")
+    element_count = sum(splats[name].numel() for name in SHAPES)
+    if element_count > regular_file(path):
+        refuse_larger(path, 4 * element_count, f"claims {count} Gaussians")
     return {name: splats[name].detach().float().contiguous() for name in SHAPES}

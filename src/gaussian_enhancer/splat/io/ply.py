@@ -19,6 +19,7 @@ from plyfile import PlyData, PlyElement
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.ply_file import read_ply_elements
+from gaussian_enhancer.splat.io.quantised import float_tensor
 from gaussian_enhancer.splat.io.validity import refuse_or_drop_invalid
 from gaussian_enhancer.types import Gaussians
 
@@ -51,15 +52,15 @@ def read_ply(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
     if len(scale_names) not in (2, 3):
         raise InputError(path, f"has {len(scale_names)} scale properties", "export three, or two for 2DGS disks")
     count = vertex.shape[0]
-    base = _columns(vertex, _BASE_COLOUR)[:, None, :]
+    constant = _columns(vertex, _BASE_COLOUR)[:, None, :]
     higher = _columns(vertex, rest_names).reshape(count, 3, len(rest_names) // 3).transpose(0, 2, 1)
     gaussians = Gaussians(
-        means=_tensor(_columns(vertex, _POSITION)),
-        log_scales=_tensor(_columns(vertex, scale_names)),
-        quaternions=_tensor(_columns(vertex, _ROTATION)),
-        opacity_logits=_tensor(_columns(vertex, ("opacity",))[:, 0]),
-        sh=_tensor(np.concatenate([base, higher], axis=1)),
-        smoothing=_tensor(_columns(vertex, ("filter_3D",))[:, 0]) if "filter_3D" in names else None,
+        means=float_tensor(_columns(vertex, _POSITION)),
+        log_scales=float_tensor(_columns(vertex, scale_names)),
+        quaternions=float_tensor(_columns(vertex, _ROTATION)),
+        opacity_logits=float_tensor(_columns(vertex, ("opacity",))[:, 0]),
+        sh=float_tensor(np.concatenate([constant, higher], axis=1)),
+        smoothing=float_tensor(_columns(vertex, ("filter_3D",))[:, 0]) if "filter_3D" in names else None,
     )
     return refuse_or_drop_invalid(path, gaussians, invalid)
 
@@ -111,8 +112,8 @@ def _numbered(names: tuple[str, ...], prefix: str) -> tuple[str, ...]:
     return tuple(sorted(matching, key=lambda name: int(name[len(prefix) :])))
 
 
-def _require(path: str | Path, names: tuple[str, ...], wanted: tuple[str, ...]) -> None:
-    missing = [name for name in wanted if name not in names]
+def _require(path: str | Path, names: tuple[str, ...], required: tuple[str, ...]) -> None:
+    missing = [name for name in required if name not in names]
     if missing:
         raise InputError(path, f"has no {', '.join(missing)}", "give a .ply that a splat trainer wrote")
 
@@ -124,7 +125,3 @@ def _columns(vertex: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
         for i, name in enumerate(names):
             columns[:, i] = vertex[name]
     return columns
-
-
-def _tensor(values: np.ndarray) -> torch.Tensor:
-    return torch.from_numpy(np.ascontiguousarray(values))

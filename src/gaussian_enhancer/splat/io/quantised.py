@@ -9,7 +9,7 @@ from jaxtyping import Float, Int, UInt, UInt8
 
 
 def float_tensor(values: np.ndarray) -> torch.Tensor:
-    """A float32 tensor of the values."""
+    """The values as a contiguous float32 tensor."""
     return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))
 
 

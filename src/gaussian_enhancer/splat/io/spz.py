@@ -122,8 +122,6 @@ def _read_gzip(path: str | Path, data: bytes) -> tuple[_Header, list[bytes]]:
 
 def _read_zstd(path: str | Path, data: bytes) -> tuple[_Header, list[bytes]]:
     """Read version 4: a header of 32 bytes, a table of (compressed, full) sizes, and the zstd streams."""
-    import zstandard
-
     header = _parse_header(path, data, (4,))
     if len(data) < 32:
         raise InputError(path, f"ends within its header, after {len(data)} bytes", _REMEDY)
@@ -132,30 +130,33 @@ def _read_zstd(path: str | Path, data: bytes) -> tuple[_Header, list[bytes]]:
     if table < 32 or len(data) < start:
         raise InputError(path, f"ends within its table of streams, after {len(data)} bytes", _REMEDY)
     sizes = [struct.unpack_from("<QQ", data, table + 16 * i) for i in range(stream_count)]
-    sizes = [size for size in sizes if size[1]]
-    if tuple(full_size for _, full_size in sizes) != header.sizes:
-        received = f"has streams of {[full_size for _, full_size in sizes]} bytes where {header.count} Gaussians need"
-        raise InputError(path, f"{received} {list(header.sizes)}", _REMEDY)
-    if len(data) < start + sum(packed_size for packed_size, _ in sizes):
-        required_size = start + sum(packed_size for packed_size, _ in sizes)
+    sizes = [(packed_size, full_size) for packed_size, full_size in sizes if full_size]
+    full_sizes = [full_size for _, full_size in sizes]
+    if tuple(full_sizes) != header.sizes:
+        received = f"has streams of {full_sizes} bytes where {header.count} Gaussians need {list(header.sizes)}"
+        raise InputError(path, received, _REMEDY)
+    required_size = start + sum(packed_size for packed_size, _ in sizes)
+    if len(data) < required_size:
         raise InputError(path, f"is truncated after {len(data)} of {required_size} bytes", _REMEDY)
-    streams = []
-    for packed_size, full_size in sizes:
-        try:
-            frame = data[start : start + packed_size]
-            claimed_size = zstandard.get_frame_parameters(frame).content_size
-            if claimed_size not in (full_size, zstandard.CONTENTSIZE_UNKNOWN):
-                raise InputError(path, f"has a stream of {claimed_size} bytes instead of {full_size}", _REMEDY)
-            stream = zstandard.ZstdDecompressor(max_window_size=_WIDEST_WINDOW).decompress(
-                frame, max_output_size=full_size
-            )
-        except zstandard.ZstdError as error:
-            raise InputError(path, f"is damaged ({error})", _REMEDY) from None
-        if len(stream) != full_size:
-            raise InputError(path, f"has a stream of {len(stream)} bytes instead of {full_size}", _REMEDY)
-        streams.append(stream)
-        start += packed_size
-    return header, streams
+    offsets = itertools.accumulate((packed_size for packed_size, _ in sizes), initial=start)
+    frames = (data[begin:end] for begin, end in itertools.pairwise(offsets))
+    return header, [_decompress(path, frame, full_size) for frame, (_, full_size) in zip(frames, sizes, strict=True)]
+
+
+def _decompress(path: str | Path, frame: bytes, size: int) -> bytes:
+    """Decompress a zstd frame that must hold ``size`` bytes."""
+    import zstandard
+
+    try:
+        claimed_size = zstandard.get_frame_parameters(frame).content_size
+        if claimed_size not in (size, zstandard.CONTENTSIZE_UNKNOWN):
+            raise InputError(path, f"has a stream of {claimed_size} bytes instead of {size}", _REMEDY)
+        stream = zstandard.ZstdDecompressor(max_window_size=_WIDEST_WINDOW).decompress(frame, max_output_size=size)
+    except zstandard.ZstdError as error:
+        raise InputError(path, f"is damaged ({error})", _REMEDY) from None
+    if len(stream) != size:
+        raise InputError(path, f"has a stream of {len(stream)} bytes instead of {size}", _REMEDY)
+    return stream
 
 
 def _decode(header: _Header, streams: list[bytes]) -> Gaussians:

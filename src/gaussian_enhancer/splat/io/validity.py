@@ -64,8 +64,8 @@ def _is_plainly_valid(gaussians: Gaussians) -> bool:
     for name, (low, high) in LIMITS.items():
         values = getattr(gaussians, name)
         if values is not None and values.numel():
-            least, largest = values.detach().aminmax()
-            if not (float(least) >= low and float(largest) <= high):
+            smallest, largest = values.detach().aminmax()
+            if not (float(smallest) >= low and float(largest) <= high):
                 return False
     return bool((gaussians.quaternions.detach().abs().amax(1) > 0).all())
 

@@ -43,22 +43,25 @@ def requested_scenes(
     Raises:
         InputError: there is no such scene.
     """
-    requested = {}
-    for name, scene in dataset.select_scenes(scenes).items():
-        names = (*dataset.model, *(images or scene.images))
-        requested[name] = RequestedScene(
-            scene, Parts(scene.inside, names, dataset.leave_out), folder / dataset.name / name
+    return {
+        name: RequestedScene(
+            scene,
+            Parts(scene.inside, (*dataset.model, *(images or scene.images)), dataset.leave_out),
+            folder / dataset.name / name,
         )
-    return requested
+        for name, scene in dataset.select_scenes(scenes).items()
+    }
 
 
-def listing(dataset: Dataset, folder: Path, wanted: Mapping[str, RequestedScene]) -> Iterator[str]:
+def listing(dataset: Dataset, folder: Path, requested: Mapping[str, RequestedScene]) -> Iterator[str]:
     """Report, line by line, which archives and parts are on disk and which are to be fetched or unpacked."""
     yield f"{dataset.title}, {dataset.page}"
     yield f"  licence: {dataset.licence}"
     yield f"  folder: {folder}, {shutil.disk_usage(_nearest_existing(folder)).free / 1e9:.1f} GB free"
-    needed = needed_archives(dataset, wanted)
-    for archive in sorted({dataset.archives[entry.scene.archive] for entry in wanted.values()}, key=lambda a: a.file):
+    needed = needed_archives(dataset, requested)
+    for archive in sorted(
+        {dataset.archives[entry.scene.archive] for entry in requested.values()}, key=lambda a: a.file
+    ):
         path = folder / "archives" / archive.file
         part = path.with_name(f"{path.name}.part")
         if path.is_file():
@@ -69,21 +72,21 @@ def listing(dataset: Dataset, folder: Path, wanted: Mapping[str, RequestedScene]
             partial = f", {_size(part.stat().st_size)} of it there" if part.is_file() else ""
             state = f"to fetch ({_size(archive.bytes)}{partial}) from {archive.url}"
         yield f"  archive {archive.file}: {state}; {checksum_note(archive)}"
-    for name, entry in wanted.items():
+    for name, entry in requested.items():
         absent = ", ".join(entry.missing_parts)
         present = ", ".join(part for part in entry.parts.names if part not in entry.missing_parts)
         states = [f"{label} {parts}" for label, parts in (("there:", present), ("to unpack:", absent)) if parts]
         yield f"  scene {name}: {'; '.join(states)}"
 
 
-def needed_archives(dataset: Dataset, wanted: Mapping[str, RequestedScene]) -> list[Archive]:
+def needed_archives(dataset: Dataset, requested: Mapping[str, RequestedScene]) -> list[Archive]:
     """The archives of those scenes that lack parts on disk, without repetition.
 
     Args:
         dataset: the dataset.
-        wanted: requested scenes by name.
+        requested: requested scenes by name.
     """
-    archives = {dataset.archives[entry.scene.archive]: None for entry in wanted.values() if entry.missing_parts}
+    archives = {dataset.archives[entry.scene.archive]: None for entry in requested.values() if entry.missing_parts}
     return list(archives)
 
 
