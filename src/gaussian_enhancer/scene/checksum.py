@@ -22,8 +22,8 @@ def check_archive(archive: Archive, file: Path, destination: Path, md5: str | No
     Args:
         archive: description with the recorded values.
         file: the downloaded file.
-        destination: the file's final path. The ``.sha256`` file beside it holds the first copy's checksum and is written if
-            it does not exist.
+        destination: the file's final path. The ``.sha256`` file beside it holds the first copy's checksum and is
+            written if it does not exist.
         md5: MD5 stated by the server.
 
     Returns:

@@ -65,7 +65,7 @@ def depth_size(path: Path) -> tuple[int, int]:
     Raises:
         InputError: the file is missing, damaged or too large, or is not a depth map.
     """
-    _, shape, _ = _file_shape(path)
+    _, shape = _file_shape(path)
     height, width = _squeeze(shape)
     return height, width
 
@@ -75,21 +75,21 @@ def find_depth(folder: Path, stem: str) -> Path | None:
     return next((f for ending in DEPTH_ENDINGS if (f := folder / f"{stem}{ending}").is_file()), None)
 
 
-def _file_shape(path: Path) -> tuple[bool, tuple[int, ...], np.dtype]:
-    """Whether the file is an image, and the shape and data type in its header, once checked against the size limit."""
+def _file_shape(path: Path) -> tuple[bool, tuple[int, ...]]:
+    """Whether the file is an image, and the shape in its header, once checked against the size limit."""
     regular_file(path)
     if path.suffix.lower() == ".png":
         with open_image(path) as image:
             if image.mode not in PNG_MODES:
                 raise InputError(path, f"is an image of mode {image.mode}", "save depth as grey PNG of 16 bits")
-            return True, (image.height, image.width), np.dtype(np.int32)
+            return True, (image.height, image.width)
     with convert_decoder_errors(path, REMEDY):
         shape, dtype = array_header(path, _choose_array)
     if len(_squeeze(shape)) != 2 or dtype.kind not in "fiu":
         raise InputError(path, f"holds {dtype} of shape {shape}", "store one number a pixel, shape (height, width)")
     # Bytes per pixel: as stored, masked, scaled in float64, and as float32.
     refuse_larger(path, math.prod(shape) * (dtype.itemsize + 8 + 8 + 4), f"is a depth map of shape {shape}")
-    return False, shape, dtype
+    return False, shape
 
 
 def _squeeze(shape: tuple[int, ...]) -> tuple[int, ...]:
@@ -98,7 +98,7 @@ def _squeeze(shape: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def _read_stored(path: Path) -> np.ndarray:
-    is_image, shape, _ = _file_shape(path)
+    is_image, shape = _file_shape(path)
     if is_image:
         with open_image(path) as image, convert_decoder_errors(path, REMEDY):
             return np.asarray(image)

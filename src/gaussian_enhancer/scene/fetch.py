@@ -65,8 +65,8 @@ def fetch(
             full, or another process is downloading the same file.
     """
     retry_settings, report = retry_settings or RetrySettings(), advance or (lambda done, total: None)
-    with _lock_part(path.with_name(f"{path.name}.part")) as part:
-        transfer = Transfer(archive, path, part, page, retry_settings.timeout, report)
+    with _lock_part(path.with_name(f"{path.name}.part")) as partial_file:
+        transfer = Transfer(archive, path, partial_file, page, retry_settings.timeout, report)
         most_bytes, idle_attempts, reason = transfer.size, 0, ""
         while not transfer.complete:
             try:
@@ -81,7 +81,7 @@ def fetch(
                 raise InputError(archive.url, received, "run the same command later; it resumes")
             if not transfer.complete:
                 time.sleep(min(60.0, retry_settings.pause * 2**idle_attempts))
-        temporary = Path(str(part.name))
+        temporary = Path(str(partial_file.name))
         try:
             digest = check_archive(archive, temporary, path, transfer.md5)
         except InputError:

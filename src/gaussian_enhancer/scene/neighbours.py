@@ -101,8 +101,8 @@ def rank_references(
         count: maximum number of references to return.
         depth: rendered z depth of the target.
         previous_references: indices of the candidates that were references of the previous frame.
-        hysteresis: factor on the cost of the ``previous_references``, in (0, 1]. With a factor below 1 another candidate
-            must be clearly better to replace one of them. It has no effect without cameras.
+        hysteresis: factor on the cost of the ``previous_references``, in (0, 1]. With a factor below 1 another
+            candidate must be clearly better to replace one of them. It has no effect without cameras.
 
     Raises:
         InputError: ``count`` is below 1, or only some candidates have cameras.

@@ -35,6 +35,11 @@ class ImageHeader:
     width: int
     has_alpha: bool
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width."""
+        return self.height, self.width
+
 
 @reader
 def list_images(folder: Path) -> list[Path]:

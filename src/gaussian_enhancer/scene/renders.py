@@ -272,10 +272,10 @@ def _view(
     render's resolution.
     """
     header = read_header(render)
-    size = header.height, header.width
+    size = header.size
     fine_reader, fine_size = None, None
     if photo is not None:
-        photo_size = read_header(photo).height, read_header(photo).width
+        photo_size = read_header(photo).size
         if finer and is_finer(photo_size, size):
             fine_reader = ReadPhoto(photo, UPSCALE * size[0], UPSCALE * size[1], background)
             fine_size = original_size(photo_size, size)
@@ -284,7 +284,7 @@ def _view(
     if depth is not None:
         _refuse_other_size(render, size, depth.path, depth_size(depth.path))
     if alpha is not None:
-        _refuse_other_size(render, size, alpha, (read_header(alpha).height, read_header(alpha).width))
+        _refuse_other_size(render, size, alpha, read_header(alpha).size)
     render_with_alpha = render if header.has_alpha else None
     coverage = alpha if alpha is not None else render_with_alpha
     return RenderedView(
@@ -307,8 +307,7 @@ def _reference(
     source: Path,
     background: Colour,
 ) -> RenderedView:
-    header = read_header(path)
-    size = header.height, header.width
+    size = read_header(path).size
     depth = _depth_of(depths, path.stem, path, scale, needed=False)
     camera = _camera_of(listed, path.stem, path, source)
     return RenderedView(

@@ -54,7 +54,7 @@ def requested_scenes(
 
 
 def listing(dataset: Dataset, folder: Path, requested: Mapping[str, RequestedScene]) -> Iterator[str]:
-    """Report, line by line, which archives and parts are on disk and which are to be fetched or unpacked."""
+    """Lines of text that state which archives and parts are on disk and which are to be fetched or unpacked."""
     yield f"{dataset.title}, {dataset.page}"
     yield f"  licence: {dataset.licence}"
     yield f"  folder: {folder}, {shutil.disk_usage(_nearest_existing(folder)).free / 1e9:.1f} GB free"
@@ -63,19 +63,19 @@ def listing(dataset: Dataset, folder: Path, requested: Mapping[str, RequestedSce
         {dataset.archives[entry.scene.archive] for entry in requested.values()}, key=lambda a: a.file
     ):
         path = folder / "archives" / archive.file
-        part = path.with_name(f"{path.name}.part")
+        partial_file = path.with_name(f"{path.name}.part")
         if path.is_file():
             state = f"there ({_size(path.stat().st_size)})"
         elif archive not in needed:
             state = "not needed"
         else:
-            partial = f", {_size(part.stat().st_size)} of it there" if part.is_file() else ""
+            partial = f", {_size(partial_file.stat().st_size)} of it there" if partial_file.is_file() else ""
             state = f"to fetch ({_size(archive.bytes)}{partial}) from {archive.url}"
         yield f"  archive {archive.file}: {state}; {checksum_note(archive)}"
     for name, entry in requested.items():
         absent = ", ".join(entry.missing_parts)
-        present = ", ".join(part for part in entry.parts.names if part not in entry.missing_parts)
-        states = [f"{label} {parts}" for label, parts in (("there:", present), ("to unpack:", absent)) if parts]
+        present = ", ".join(name for name in entry.parts.names if name not in entry.missing_parts)
+        states = [f"{label} {names}" for label, names in (("there:", present), ("to unpack:", absent)) if names]
         yield f"  scene {name}: {'; '.join(states)}"
 
 

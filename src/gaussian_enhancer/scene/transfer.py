@@ -27,13 +27,13 @@ class Transfer:
     """State of one download: the partial file, and the version and MD5 that the server stated."""
 
     def __init__(
-        self, archive: Archive, path: Path, part: FileIO, page: str, timeout: int | float, advance: Advance
+        self, archive: Archive, path: Path, partial_file: FileIO, page: str, timeout: int | float, advance: Advance
     ) -> None:
-        self.archive, self.path, self.part, self.page = archive, path, part, page
+        self.archive, self.path, self.partial_file, self.page = archive, path, partial_file, page
         self.timeout, self.advance = timeout, advance
-        self.version_file = Path(f"{part.name}.etag")
+        self.version_file = Path(f"{partial_file.name}.etag")
         self.md5: str | None = None
-        self.size = part.seek(0, os.SEEK_END)
+        self.size = partial_file.seek(0, os.SEEK_END)
         self.complete = False
 
     def attempt(self) -> None:
@@ -56,7 +56,7 @@ class Transfer:
     def discard(self) -> None:
         """Delete the partial file and its stored version."""
         self._restart()
-        Path(str(self.part.name)).unlink(missing_ok=True)
+        Path(str(self.partial_file.name)).unlink(missing_ok=True)
         self.version_file.unlink(missing_ok=True)
 
     def _request(self) -> urllib.request.Request:
@@ -116,15 +116,15 @@ class Transfer:
         remaining = memoryview(block)
         try:
             while remaining:
-                written = self.part.write(remaining)
+                written = self.partial_file.write(remaining)
                 self.size += written
                 remaining = remaining[written:]
         except OSError as error:
             raise to_write_error(self.path, error) from error
 
     def _restart(self) -> None:
-        self.part.seek(0)
-        self.part.truncate()
+        self.partial_file.seek(0)
+        self.partial_file.truncate()
         self.size = 0
 
     def _refuse_response(self, received: str) -> None:

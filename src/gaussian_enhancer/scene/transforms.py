@@ -237,21 +237,22 @@ def _with_listed_sides(files: list[PosedFile], content: dict[str, Any], source: 
     Raises:
         InputError: only one of the lists is given, a list does not consist of names, or a name is in both lists.
     """
-    listed_sides = [side for side in ("train", "test") if f"{side}_filenames" in content]
+    splits: tuple[Side, ...] = ("train", "test")
+    listed_sides = [side for side in splits if f"{side}_filenames" in content]
     if not listed_sides:
         return files
     if len(listed_sides) == 1:
         received = f"has {listed_sides[0]}_filenames alone"
         raise InputError(source, received, "give train_filenames and test_filenames, or neither")
     sides: dict[str, Side] = {}
-    for side in ("train", "test"):
+    for side in splits:
         names = content[f"{side}_filenames"]
         if not isinstance(names, list) or not all(isinstance(file_name, str) for file_name in names):
             raise InputError(source, f"has {side}_filenames = {abbreviate(names)}", "give a list of file names")
         for file_name in names:
             if sides.get(file_name, side) != side:
                 raise InputError(source, f"lists {file_name} for training and for testing", "keep it in one list")
-            sides[file_name] = "train" if side == "train" else "test"
+            sides[file_name] = side
     by_path = {PurePosixPath(file_name): side for file_name, side in sides.items()}
     return [replace(file, side=by_path.get(PurePosixPath(file.listed), "neither")) for file in files]
 

@@ -121,8 +121,8 @@ def project(gaussians: Gaussians, camera: Camera, method: Method, near: float) -
 
 def _is_finite(gaussians: Gaussians) -> Bool[Tensor, " n"]:
     """Mask of Gaussians with finite centres, scales and quaternions."""
-    shapes = gaussians.means, gaussians.log_scales.exp(), gaussians.quaternions
-    return torch.stack([part.isfinite().all(-1) for part in shapes]).all(0)
+    values = torch.cat([gaussians.means, gaussians.log_scales.exp(), gaussians.quaternions], -1)
+    return values.isfinite().all(-1)
 
 
 def _ellipse_layers(

@@ -216,11 +216,11 @@ def _blend(splats, lists, background, height, width, threads):  # type: ignore[n
                 e = lists.tile_starts[tile] + k
                 g = lists.gaussians[e]
                 u, v, d, offset, hit_z = _linear_forms(splats, g, left, top)
-                first, end = np.uint64(TILE * lists.rows[e, 0]), np.uint64(TILE * lists.rows[e, 1])
+                first_pixel, end_pixel = np.uint64(TILE * lists.rows[e, 0]), np.uint64(TILE * lists.rows[e, 1])
                 tint = splats.colours[g, 0], splats.colours[g, 1], splats.colours[g, 2]
                 normal = splats.normals[g, 0], splats.normals[g, 1], splats.normals[g, 2]
                 z0, peak = splats.depths[g], splats.peaks[g]
-                _blend_rows(planes, first, end, u, v, d, offset, hit_z, z0, near, peak, tint, normal)
+                _blend_rows(planes, first_pixel, end_pixel, u, v, d, offset, hit_z, z0, near, peak, tint, normal)
             blended_counts[tile] = count
             _write_tile(planes, left, top, background, (colour, depth, alpha, median, normals, summed))
     return colour, depth, alpha, median, normals, summed, blended_counts
@@ -359,12 +359,12 @@ def _blend_backward(splats, lists, image, colour, depth, alpha, normals, threads
             for e in range(start, start + image.blended_counts[tile]):
                 g = lists.gaussians[e]
                 u, v, d, offset, hit_z = _linear_forms(splats, g, left, top)
-                first, last = np.uint64(TILE * lists.rows[e, 0]), np.uint64(TILE * lists.rows[e, 1])
+                first_pixel, end_pixel = np.uint64(TILE * lists.rows[e, 0]), np.uint64(TILE * lists.rows[e, 1])
                 tint = splats.colours[g, 0], splats.colours[g, 1], splats.colours[g, 2]
                 normal = splats.normals[g, 0], splats.normals[g, 1], splats.normals[g, 2]
                 z0, peak = splats.depths[g], splats.peaks[g]
                 head, moments, tail = _row_gradients(
-                    planes, first, last, u, v, d, offset, hit_z, z0, near, peak, tint, normal
+                    planes, first_pixel, end_pixel, u, v, d, offset, hit_z, z0, near, peak, tint, normal
                 )
                 _store_gradients(gradients[lists.slots[e]], (head, tail), moments, offset)
     return gradients

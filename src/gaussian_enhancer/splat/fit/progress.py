@@ -7,7 +7,6 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import TracebackType
-from typing import Self
 
 from jaxtyping import Float
 from rich.console import Console
@@ -56,7 +55,7 @@ class FitProgress:
         self._loss: float | None = None
         self._error: float | None = None
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "FitProgress":
         self._bar.start()
         return self
 

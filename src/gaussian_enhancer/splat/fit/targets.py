@@ -14,6 +14,9 @@ from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.fit.similarity import PreparedPhoto, prepare
 from gaussian_enhancer.types import Camera
 
+MEMORY_LIMIT = 4 * 2**30
+"""Bytes that prepared photos may take; the other photos are read again at each use."""
+
 
 class TrainingPhotos:
     """Training photos by index.
@@ -21,14 +24,13 @@ class TrainingPhotos:
     Args:
         scene: the scene; its training photos need cameras.
         device: where the fit computes.
-        memory: bytes that prepared photos may take; the other photos are read again at each use.
 
     Raises:
         InputError: fewer than two training photos, or a training or test photo without a camera, of another size than
             its camera, or with values that are not finite.
     """
 
-    def __init__(self, scene: Scene, device: torch.device, memory: int = 4 * 2**30) -> None:
+    def __init__(self, scene: Scene, device: torch.device) -> None:
         if len(scene.train) < 2:
             received = f"has {len(scene.train)} training photo{'s' * (len(scene.train) != 1)}"
             raise InputError(f"scene {scene.name}", received, "give at least two photos to fit to")
@@ -39,11 +41,12 @@ class TrainingPhotos:
             _camera(photo)
             _checked(photo)
         self._prepared: dict[int, PreparedPhoto] = {}
+        free_memory = MEMORY_LIMIT
         for number, photo in enumerate(self._photos):
             pixels = _checked(photo)
-            if memory >= 0:
+            if free_memory >= 0:
                 self._prepared[number] = prepare(pixels.to(device))
-                memory -= 3 * pixels.nbytes
+                free_memory -= 3 * pixels.nbytes
 
     def __len__(self) -> int:
         return len(self._photos)
