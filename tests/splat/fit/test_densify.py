@@ -117,5 +117,9 @@ def test_number_is_bounded_and_strongest_come_first(limit, growth, expected):
 
 
 def test_wrong_window_is_refused():
-    with pytest.raises(InputError, match="order them"):
+    with pytest.raises(InputError, match=r"densification\.start, stop.*order them"):
         Densification(start=0.7, stop=0.5)
+    with pytest.raises(InputError, match=r"densification\.every"):
+        Densification(every=-1)
+    with pytest.raises(InputError, match=r"densification\.pull"):
+        Densification(pull=float("inf"))

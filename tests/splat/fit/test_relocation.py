@@ -110,3 +110,9 @@ def test_refusals():
         Relocation(opacity=0.0)
     with pytest.raises(InputError, match="below 0"):
         Relocation(noise=-1.0)
+
+
+@pytest.mark.parametrize("name", ["growth", "noise"])
+def test_an_infinite_value_is_refused_by_the_name_of_its_option(name):
+    with pytest.raises(InputError, match=rf"densification\.{name}: .*finite"):
+        Relocation(**{name: math.inf})

@@ -50,11 +50,11 @@ class Densification:
     growth: float = 0.2
 
     def __post_init__(self) -> None:
-        check_fields(self, "densify.")
+        check_fields(self, "densification.")
         if self.every < 0:
-            raise InputError("densify.every", f"is {self.every}", "give 0 or a number of steps")
+            raise InputError("densification.every", f"is {self.every}", "give 0 or a number of steps")
         if not 0 <= self.start <= self.stop <= 1:
-            raise InputError("densify.start, stop", f"are {self.start}, {self.stop}", "order them within 0 and 1")
+            raise InputError("densification.start, stop", f"are {self.start}, {self.stop}", "order them within 0 and 1")
 
     def is_due(self, step: int, steps: int) -> bool:
         """Whether the number of Gaussians changes after this step (counted from 1)."""

@@ -17,6 +17,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.fit.densify import is_due_between
 from gaussian_enhancer.splat.fit.optimise import SplatOptimiser
 from gaussian_enhancer.splat.fit.rotation import rotate_vectors
+from gaussian_enhancer.typed import check_fields
 from gaussian_enhancer.types import Gaussians
 
 MOST_COPIES = 51
@@ -46,6 +47,7 @@ class Relocation:
     noise: float = 5e5
 
     def __post_init__(self) -> None:
+        check_fields(self, "densification.")
         if self.every < 0:
             raise InputError("densification.every", f"is {self.every}", "give 0 or a number of steps")
         if not 0 <= self.start <= self.stop <= 1:
