@@ -6,7 +6,7 @@ import pytest
 from jaxtyping import TypeCheckError
 
 from gaussian_enhancer.align.alignment import Reprojected
-from gaussian_enhancer.align.depth_search import SEARCHES
+from gaussian_enhancer.align.depth_search import LARGE_IMAGE, SEARCHES, Search
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.infer.weights import build_reference_config, reference_config_of
 
@@ -21,3 +21,10 @@ def test_weights_name_the_kind(kind):
 def test_an_unknown_kind_is_refused(kind):
     with pytest.raises((ValueError, TypeCheckError), match="depth"):  # types are checked in tests alone
         Reprojected(depth=kind)
+
+
+def test_large_images_have_their_own_stride():
+    search = Search(0.03, 7, stride=2, large_stride=3)
+    assert search.for_pixels(LARGE_IMAGE) is search
+    assert search.for_pixels(LARGE_IMAGE + 1) == Search(0.03, 7, stride=3, large_stride=3)
+    assert Search(0.03, 7).for_pixels(LARGE_IMAGE + 1) == Search(0.03, 7)

@@ -1,7 +1,8 @@
 import pytest
 import torch
 
-from gaussian_enhancer.align.depth_search import refine_depth
+from gaussian_enhancer.align import depth_search
+from gaussian_enhancer.align.depth_search import SEARCHES, Source, refine_depth
 from gaussian_enhancer.align.depth_smoothing import WINDOW_RADIUS, fit_planes_torch, smooth_depth
 from gaussian_enhancer.types import identity_camera
 
@@ -76,13 +77,22 @@ def test_a_pixel_on_its_own_keeps_its_depth():
     assert change[0, 4, 4].abs() < 1e-3
 
 
-def test_only_a_surface_is_smoothed_and_holes_stay_holes():
+def test_exact_depth_is_not_smoothed_and_holes_stay_holes():
     depth = (ramp() * (1 + 0.005 * noise(1, 40, 48))).float()
     depth[..., 3:5, 3:5] = 0
     image, camera = grey(depth), identity_camera(40, 48, 40.0)
-    smoothed = refine_depth(camera, depth, image, [], kind="surface")
-    assert bool((smoothed[depth == 0] == 0).all())
-    assert not torch.equal(smoothed, depth)
-    assert torch.equal(refine_depth(camera, depth, image, [], kind="surface", smooth=False), depth)
-    for kind in ("expected", "exact"):
-        assert torch.equal(refine_depth(camera, depth, image, [], kind=kind), depth)
+    for kind in ("surface", "expected"):
+        smoothed = refine_depth(camera, depth, image, [], kind=kind)
+        assert bool((smoothed[depth == 0] == 0).all())
+        assert not torch.equal(smoothed, depth)
+        assert torch.equal(refine_depth(camera, depth, image, [], kind=kind, smooth=False), depth)
+    assert torch.equal(refine_depth(camera, depth, image, [], kind="exact"), depth)
+
+
+def test_expected_depth_is_smoothed_before_each_of_its_searches(monkeypatch):
+    calls = []
+    monkeypatch.setattr(depth_search, "smooth_depth", lambda depth, _: calls.append(depth) or depth)
+    depth, camera = ramp().float(), identity_camera(40, 48, 40.0)
+    image = grey(depth)
+    refine_depth(camera, depth, image, [Source(camera, image, image)], kind="expected")
+    assert len(calls) == len(SEARCHES["expected"]) == 2

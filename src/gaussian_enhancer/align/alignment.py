@@ -145,7 +145,7 @@ class Reprojected:
         photo_consistency: mean colour difference to the render over 7x7 pixels, in [0, 1], above which a reference is
             treated as not visible. This rejects view-dependent reflections, such as the sky in glass, and errors that
             the depth check missed. None disables this check.
-        smooth: fit planes to depth of kind "surface" before the depth search (`smooth_depth`).
+        smooth: fit planes to the depth before each depth search (`smooth_depth`).
         consistent: in the depth search, also compare photos with each other, not only renders with the target's render.
         interpolation: interpolation of photos and renders between pixels; "bicubic" keeps detail that "bilinear"
             blurs (0.27 dB of a warped photo's error, measured on a converged fit).

@@ -34,6 +34,8 @@ VARIANCE_EPSILON = 1e-8
 """Added to colour variances, since the square root would amplify rounding errors where photos are equal."""
 INVISIBLE_COST = 4.0
 """Cost of a hypothesis that is visible in no reference; larger than any colour difference."""
+LARGE_IMAGE = 2**18
+"""Number of pixels above which `Search.large_stride` applies."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,7 @@ class Search:
         window: side in samples of the square over which costs are averaged, odd.
         penalty: cost of the largest change, in colour units.
         stride: pixels between samples; between samples the change is interpolated.
+        large_stride: the stride for images of more than `LARGE_IMAGE` pixels; None: the same.
         inconsistency: weight of the photos' standard deviation, relative to the renders' difference from the target.
         photo_consistency: mean colour difference to the render over 7x7 samples above which a reference is ignored at
             a sample. It is measured at the initial depth. None ignores no reference, which is required where the
@@ -59,15 +62,25 @@ class Search:
     stride: int = 1
     inconsistency: float = 0.0
     photo_consistency: float | None = None
+    large_stride: int | None = None
+
+    def for_pixels(self, count: int) -> "Search":
+        """The search of an image of this number of pixels, with its stride."""
+        if self.large_stride is None or count <= LARGE_IMAGE:
+            return self
+        return replace(self, stride=self.large_stride)
 
 
 DepthKind = Literal["surface", "expected", "exact"]
 """Kind of a target's depth: "surface" is the splat's median z, "expected" its mean z, which lies between the surfaces
 that blend; "exact" is exact depth."""
 
+SURFACE_SEARCH = Search(
+    0.03, 7, window=7, penalty=0.002, stride=2, inconsistency=1.0, photo_consistency=0.1, large_stride=3
+)
 SEARCHES: dict[DepthKind, tuple[Search, ...]] = {
-    "surface": (Search(0.03, 7, window=7, penalty=0.002, stride=2, inconsistency=1.0, photo_consistency=0.1),),
-    "expected": (Search(0.15, 25), Search(0.01, 7)),
+    "surface": (SURFACE_SEARCH,),
+    "expected": (Search(0.15, 25, large_stride=2), Search(0.01, 7, large_stride=2)),
     "exact": (),
 }
 """Searches of each kind of depth. A wide search around nearly correct depth finds more wrong than right matches."""
@@ -119,7 +132,8 @@ def refine_depth(
 ) -> Float[Tensor, "1 h w"]:
     """Find the depth near the rendered one at which references agree best with the render and with each other.
 
-    Surface depth is smoothed first (`smooth_depth`), since median depth jumps from Gaussian to Gaussian.
+    Depth is smoothed before each search (`smooth_depth`): median depth jumps from Gaussian to Gaussian, and mean depth
+    follows every Gaussian that blends in front of a surface. Exact depth is neither smoothed nor searched.
 
     The search is a plane sweep relative to the rendered surface, with multipliers m = (1 + span)^k, k in [-1, 1]. The
     cost of a sample is computed over the references in which it is visible. It is the mean absolute difference of
@@ -132,15 +146,18 @@ def refine_depth(
         target: camera of the render.
         depth: rendered z in scene units; holes are filled from their neighbours for the search, and remain holes.
         render: colours of the target, [0, 1].
-        sources: the references; if there are none, depth is not searched.
+        sources: the references; if there are none, depth is smoothed once and not searched.
         kind: kind of the depth; it determines the searches. Each search starts from the result of the previous one.
-        smooth: smooth depth of kind "surface"; without effect on other kinds.
+        smooth: smooth depth before each search.
         consistent: include the photos' differences from each other, with the weight that the searches define.
     """
-    if smooth and kind == "surface":
-        valid = usable_depth(depth)
-        depth = torch.where(valid, smooth_depth(fill_depth(depth).to(render.dtype), render).to(depth.dtype), depth)
-    for search in SEARCHES[kind] if sources else ():
+    for search in SEARCHES[kind]:
+        if smooth:
+            smoothed = smooth_depth(fill_depth(depth).to(render.dtype), render).to(depth.dtype)
+            depth = torch.where(usable_depth(depth), smoothed, depth)
+        if not sources:
+            break
+        search = search.for_pixels(depth.numel())
         search = search if consistent else replace(search, inconsistency=0.0)
         z = fill_depth(depth).to(render.dtype)[..., :: search.stride, :: search.stride].contiguous()
         image = render[..., :: search.stride, :: search.stride].contiguous()
