@@ -53,8 +53,8 @@ def degradation(method: str, overrides: Sequence[str]) -> Degradation:
         rival = SecondOrder()
         return lambda view, generator: rival(view.image, generator)
     try:
-        given = ["data.train=[]", "data.validation=[]", *SIMULATORS[method]]
-        simulator: Degradation = build(compose("train", [*given, *overrides]).data.simulation.simulator)
+        choices = ["data.train=[]", "data.validation=[]", *SIMULATORS[method]]
+        simulator: Degradation = build(compose("train", [*choices, *overrides]).data.simulation.simulator)
     except HydraException as error:
         cause = str(error).splitlines()[0]
         raise InputError(method, f"cannot be built ({cause})", "leave it out, or supply what is missing") from error

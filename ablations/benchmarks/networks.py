@@ -94,10 +94,10 @@ def example(height: int, width: int, references: int) -> NetworkInput:
     def noise(*shape: int) -> torch.Tensor:
         return torch.rand(1, *shape, height, width, generator=generator)
 
-    seen = [noise(references, planes) for planes in (3, 1, 3)]
+    photos, visibility, renders = (noise(references, planes) for planes in (3, 1, 3))
     fine = torch.rand(1, references, 3, 4 * height, 4 * width, generator=generator)
     unit = torch.ones(1)
-    return NetworkInput(noise(3), seen[0], seen[1], 1 + noise(1), noise(1), unit, seen[2], fine)
+    return NetworkInput(noise(3), photos, visibility, 1 + noise(1), noise(1), unit, renders, fine)
 
 
 def multiply_adds(network: Network, references: int, side: int = 256) -> float:
@@ -132,7 +132,7 @@ def microseconds(networks: list[Network], views: NetworkInput, rounds: int) -> l
     calls = {str(index): partial(enhance, network) for index, network in enumerate(networks)}
     pixels = [call() for call in calls.values()]
     times = time_interleaved(calls, rounds, warm_up=0)
-    return [1e3 * one.milliseconds / count for one, count in zip(times.values(), pixels, strict=True)]
+    return [1e3 * timing.milliseconds / count for timing, count in zip(times.values(), pixels, strict=True)]
 
 
 def measured(cfg: DictConfig) -> Iterator[dict[str, Any]]:
@@ -141,18 +141,18 @@ def measured(cfg: DictConfig) -> Iterator[dict[str, Any]]:
     Args:
         cfg: conf/networks.yaml, composed.
     """
-    found = list(subjects(cfg.paper))
-    times: list[dict[str, Any]] = [{} for _ in found]
+    networks = list(subjects(cfg.paper))
+    times: list[dict[str, Any]] = [{} for _ in networks]
     if cfg.times:
-        prepared = [subject.network.to(memory_format=torch.channels_last) for subject in found]  # type: ignore[call-overload]
-        each = microseconds(prepared, example(cfg.height, cfg.width, cfg.references), cfg.rounds)
+        prepared = [subject.network.to(memory_format=torch.channels_last) for subject in networks]  # type: ignore[call-overload]
+        per_megapixel = microseconds(prepared, example(cfg.height, cfg.width, cfg.references), cfg.rounds)
         conditions = {
             "timed_on": f"{cfg.height}x{cfg.width}",
             "threads": torch.get_num_threads(),
             "precision": "bfloat16",
         }
-        times = [{"seconds_per_megapixel": round(one, 4), **conditions} for one in each]
-    for subject, time in zip(found, times, strict=True):
+        times = [{"seconds_per_megapixel": round(seconds, 4), **conditions} for seconds in per_megapixel]
+    for subject, time in zip(networks, times, strict=True):
         yield {
             "fusion": subject.fusion,
             "alignment": subject.alignment,

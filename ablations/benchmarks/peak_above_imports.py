@@ -79,5 +79,5 @@ def _above(call: Callable[[], None], device: torch.device) -> float:
     """Peak megabytes of a call, minus the memory in use before it."""
     gc.collect()
     memory.release_freed_memory()
-    held = 0 if device.type == "cuda" else psutil.Process().memory_info().rss
-    return (peak_memory(call, device) - held) / 1e6
+    in_use = 0 if device.type == "cuda" else psutil.Process().memory_info().rss
+    return (peak_memory(call, device) - in_use) / 1e6

@@ -24,7 +24,7 @@ from torch.utils._pytree import tree_leaves
 
 from ablations.benchmarks.networks import counted, example
 from gaussian_enhancer.align.references import ReferenceConfig
-from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.weights import Pretrained, load_weights
@@ -69,9 +69,7 @@ def names(cfg: DictConfig) -> tuple[str, ...]:
         InputError: one is unknown.
     """
     known_names = (*cfg.ours, *cfg.published)
-    for name in cfg.networks or ():
-        if name not in known_names:
-            raise InputError("networks", f"names {name!r}", f"choose among {', '.join(known_names)}")
+    refuse_unknown("networks", cfg.networks, known_names)
     return tuple(name for name in known_names if cfg.networks is None or name in cfg.networks)
 
 
@@ -94,8 +92,8 @@ def built(cfg: DictConfig, name: str, device: torch.device) -> Peer:
             raise InputError(name, f"cannot be built ({error})", remedy) from error
         with torch.inference_mode():
             return Peer(name, network, network(torch.zeros(1, 3, SMALL, SMALL, device=device)).shape[-1] // SMALL)
-    own = cfg.ours[name]
-    pretrained = load_weights(own.weights) if "weights" in own else _untrained(list(own.train))
+    entry = cfg.ours[name]
+    pretrained = load_weights(entry.weights) if "weights" in entry else _untrained(list(entry.train))
     return Peer(name, _prepared(pretrained.network, device), pretrained.network.scale, pretrained)
 
 
@@ -116,24 +114,24 @@ def _prepared(network: nn.Module, device: torch.device) -> nn.Module:
     return prepared
 
 
-def ways(peer: Peer, dtypes: Mapping[str, torch.dtype]) -> tuple[str, ...]:
+def number_types(peer: Peer, dtypes: Mapping[str, torch.dtype]) -> tuple[str, ...]:
     """The number types in which a network is measured; ours supports autocast only."""
     return tuple(name for name in dtypes if name != CAST or peer.pretrained is None)
 
 
 @dataclass(frozen=True)
 class Forward:
-    """A network's forward pass on a given input.
+    """A network's forward pass on an input.
 
     Args:
         network: ours or a published one.
-        given: its input.
+        input: its input.
         dtype: one of `DTYPES`.
         device: where it runs.
     """
 
     network: nn.Module
-    given: Any
+    input: Any
     dtype: str
     device: torch.device
 
@@ -146,7 +144,7 @@ class Forward:
         """The same in the mode of the caller."""
         autocast = torch.autocast(self.device.type, torch.bfloat16, enabled=self.dtype == "bfloat16")
         with autocast:
-            image: Tensor = self.network(self.given)
+            image: Tensor = self.network(self.input)
             return image
 
 

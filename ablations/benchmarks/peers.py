@@ -31,7 +31,7 @@ from ablations.benchmarks.peer_networks import (
     enhancement,
     forward,
     names,
-    ways,
+    number_types,
     work,
     yardsticks,
 )
@@ -71,24 +71,24 @@ Views = Callable[[int, int, bool], Path]
 
 
 @dataclass(frozen=True)
-class Way:
+class NetworkCall:
     """A network in a number type, alone or in a whole enhancement.
 
     Args:
         peer: the network.
         dtype: one of `DTYPES`.
         whole: whether the call is a whole enhancement of decoded images.
-        call: makes one pass.
+        run: makes one pass.
     """
 
     peer: Peer
     dtype: str
     whole: bool
-    call: Call
+    run: Call
 
     @property
     def key(self) -> str:
-        """Unique among the ways."""
+        """Unique among the calls."""
         return f"{self.peer.name}/{self.dtype}/{ENHANCEMENT if self.whole else NETWORK}"
 
 
@@ -116,8 +116,8 @@ def reported(cfg: DictConfig, console: Console) -> None:
         InputError: a file cannot be read or written.
     """
     page, drawing = Path(cfg.page), Path(cfg.records).with_suffix(".svg")
-    found = {name: read_records(file) if (file := Path(cfg[name])).is_file() else () for name in Sources.FILES}
-    sources = Sources(**found)
+    records = {name: read_records(file) if (file := Path(cfg[name])).is_file() else () for name in Sources.FILES}
+    sources = Sources(**records)
     write_text(drawing, performance_plot(sources))
     write_text(page, performance_page(sources, {name: Path(cfg[name]) for name in Sources.FILES}, drawing, page))
     print_line(console, f"{page}, {drawing}")
@@ -155,22 +155,22 @@ def measured(cfg: DictConfig, device: torch.device, folder: Path, console: Conso
 
 def network_records(cfg: DictConfig, peers: list[Peer], device: torch.device, views: Views) -> Iterator[Record]:
     """Yardsticks, then every network in every number type, alone; ours also in a whole enhancement."""
-    fixed = {name: (call, amount, unit) for name, call, amount, unit in yardsticks(device)}
+    fixed = {name: (run, amount, unit) for name, run, amount, unit in yardsticks(device)}
     dtypes = {name: DTYPES[name] for name in cfg.dtypes}
     amounts: dict[tuple[str, str], tuple[float, float]] = {}
-    possible: dict[str, Way] = {}
-    for way in _all_ways(cfg, peers, dtypes, device):
+    runnable: dict[str, NetworkCall] = {}
+    for call in _network_calls(cfg, peers, dtypes, device):
         try:
-            way.call()
+            call.run()
         except RuntimeError as error:  # some published networks mix number types in their code
-            yield missing_record(way.peer.name, reason_of(error).splitlines()[0], splat=way.dtype, view=NETWORK)
+            yield missing_record(call.peer.name, reason_of(error).splitlines()[0], splat=call.dtype, view=NETWORK)
             continue
-        amounts[way.peer.name, way.dtype] = work(way.peer, way.dtype, cfg.references)
-        possible[way.key] = way
-    for way in possible.values() if cfg.compiled else ():
-        if isinstance(way.call, Forward):
-            way.call.network.compile()  # of ours also what the whole enhancement calls
-    calls = {**{name: call for name, (call, _, _) in fixed.items()}, **{k: way.call for k, way in possible.items()}}
+        amounts[call.peer.name, call.dtype] = work(call.peer, call.dtype, cfg.references)
+        runnable[call.key] = call
+    for call in runnable.values() if cfg.compiled else ():
+        if isinstance(call.run, Forward):
+            call.run.network.compile()  # of ours also what the whole enhancement calls
+    calls = {name: run for name, (run, _, _) in fixed.items()} | {key: call.run for key, call in runnable.items()}
     times = time_interleaved(calls, cfg.rounds, 1, device)
     protocol = _protocol(cfg, device)
     for name, (_, amount, unit) in fixed.items():
@@ -179,62 +179,60 @@ def network_records(cfg: DictConfig, peers: list[Peer], device: torch.device, vi
             "a_second": amount / times[name].milliseconds * 1e3,
         }
         yield Record(YARDSTICK, "", "", "", unit, name, rate, protocol=protocol)
-    for key, way in possible.items():
-        megapixels = cfg.height * cfg.width * way.peer.scale**2 / 1e6
-        operations, moved = amounts[way.peer.name, way.dtype]
-        yardstick = times["convolution, float32" if way.dtype == "float32" else "convolution, bfloat16"]
+    for key, call in runnable.items():
+        megapixels = cfg.height * cfg.width * call.peer.scale**2 / 1e6
+        operations, moved = amounts[call.peer.name, call.dtype]
+        yardstick = times["convolution, float32" if call.dtype == "float32" else "convolution, bfloat16"]
         metrics: dict[str, float | None] = {
-            "parameters": float(count_parameters(way.peer.network)),
-            "scale": float(way.peer.scale),
+            "parameters": float(count_parameters(call.peer.network)),
+            "scale": float(call.peer.scale),
             "giga_multiply_adds_per_megapixel": operations / 1e3,
             "gigabytes_per_megapixel": moved / 1e3,
             **_time(times[key], megapixels, yardstick),
         }
-        ours = f"{OURS.get(way.peer.scale)}/{'bfloat16' if way.dtype == CAST else way.dtype}/{ENHANCEMENT}"
+        ours = f"{OURS.get(call.peer.scale)}/{'bfloat16' if call.dtype == CAST else call.dtype}/{ENHANCEMENT}"
         if ours in times:
-            names_ = ("times_ours", "times_ours_low", "times_ours_high")
-            metrics |= dict(zip(names_, times[ours].times_faster(times[key]), strict=True))
+            columns = ("times_ours", "times_ours_low", "times_ours_high")
+            metrics |= dict(zip(columns, times[ours].times_faster(times[key]), strict=True))
         if cfg.memory:
-            metrics["peak_memory_mb"] = _peak(cfg, way, views)
-        published = way.peer.pretrained is None
-        yield Record(
-            ENHANCEMENT if way.whole else NETWORK, "", GROUPS[int(published)], way.dtype, "", way.peer.name, metrics,
-            size=(cfg.width, cfg.height), protocol=protocol,
-        )  # fmt: skip
+            metrics["peak_memory_mb"] = _peak(cfg, call, views)
+        published = call.peer.pretrained is None
+        keys = ENHANCEMENT if call.whole else NETWORK, "", GROUPS[int(published)], call.dtype, "", call.peer.name
+        yield Record(*keys, metrics, size=(cfg.width, cfg.height), protocol=protocol)
 
 
-def _all_ways(
+def _network_calls(
     cfg: DictConfig, peers: list[Peer], dtypes: Mapping[str, torch.dtype], device: torch.device
-) -> Iterator[Way]:
+) -> Iterator[NetworkCall]:
     for peer in peers:
-        for dtype in ways(peer, dtypes):
-            yield Way(peer, dtype, False, forward(peer, dtype, cfg.height, cfg.width, cfg.references))
+        for dtype in number_types(peer, dtypes):
+            yield NetworkCall(peer, dtype, False, forward(peer, dtype, cfg.height, cfg.width, cfg.references))
             if peer.pretrained is not None:
-                held = synthetic_views(cfg.height, cfg.width, cfg.family, peer.scale > 1)
-                yield Way(peer, dtype, True, enhancement(peer, dtype, held, device))
+                rendered = synthetic_views(cfg.height, cfg.width, cfg.family, peer.scale > 1)
+                yield NetworkCall(peer, dtype, True, enhancement(peer, dtype, rendered, device))
 
 
-def _peak(cfg: DictConfig, way: Way, views: Views) -> float:
-    if not way.whole:
-        return network_peak(cfg, way.peer.name, way.dtype)
-    finer = way.peer.scale > 1
-    return enhancement_peak(cfg, way.peer.name, way.dtype, views(cfg.height, cfg.width, finer), views(*SMALL, finer))
+def _peak(cfg: DictConfig, call: NetworkCall, views: Views) -> float:
+    if not call.whole:
+        return network_peak(cfg, call.peer.name, call.dtype)
+    finer = call.peer.scale > 1
+    return enhancement_peak(cfg, call.peer.name, call.dtype, views(cfg.height, cfg.width, finer), views(*SMALL, finer))
 
 
 def pipeline_records(cfg: DictConfig, device: torch.device, views: Views, folder: Path) -> Iterator[Record]:
     """The pipeline from files to a file, part by part, for all weights at all sizes."""
-    stopwatch, calls, asked = Stopwatch(device), {}, {}
+    stopwatch, calls, cases = Stopwatch(device), {}, {}
     for name, sizes in cfg.pipeline.items():
         peer = built(cfg, name, device)
         for width, height in (map(int, size.split("x")) for size in sizes):
-            place, key = views(height, width, peer.scale > 1), f"{name}/{width}x{height}"
-            asked[key] = peer, height, width, place
-            enhance = enhancement(peer, "auto", read_views(place), device)
+            views_folder, key = views(height, width, peer.scale > 1), f"{name}/{width}x{height}"
+            cases[key] = peer, height, width, views_folder
+            enhance = enhancement(peer, "auto", read_views(views_folder), device)
             calls[key] = partial(_to_file, key, enhance, stopwatch, folder / "enhanced.png")
     fixed = {name: call for name, call, _, _ in yardsticks(device)}
     with clocked_parts(stopwatch):
         times = time_interleaved({**fixed, **calls}, cfg.rounds, 1, device)
-    for key, (peer, height, width, place) in asked.items():
+    for key, (peer, height, width, views_folder) in cases.items():
         laps = stopwatch.laps[key][1:]  # without the warm-up
         decoded = _timing([sum(lap.values()) - lap[READ] for lap in laps])
         metrics: dict[str, float | None] = {
@@ -246,32 +244,31 @@ def pipeline_records(cfg: DictConfig, device: torch.device, views: Views, folder
         }
         if cfg.memory:
             small = views(*SMALL, peer.scale > 1)
-            metrics["peak_memory_mb"] = enhancement_peak(cfg, peer.name, "auto", place, small)
+            metrics["peak_memory_mb"] = enhancement_peak(cfg, peer.name, "auto", views_folder, small)
         yield Record(
             PIPELINE, "", "", "", "", peer.name, metrics, size=(width, height), protocol=_protocol(cfg, device)
         )
 
 
 def tried_records(cfg: DictConfig) -> Iterator[Record]:
-    """Every trial's two ways in turn, on the CPU."""
+    """Every trial's two versions in turn, on the CPU."""
     width, height = map(int, cfg.tried.split("x"))
     read_photo = synthetic_views(height, width, cfg.family).targets[0].read_photo
     if read_photo is None:
         raise ValueError("synthetic views have photos")
     all_trials = list(trials(height, width, read_photo()))
-    calls = {
-        f"{place} {name}": getattr(one, name) for place, one in enumerate(all_trials) for name in ("before", "after")
-    }
+    calls = {f"{i} {name}": getattr(trial, name) for i, trial in enumerate(all_trials) for name in ("before", "after")}
     with torch.inference_mode():
         times = time_interleaved(calls, cfg.rounds, 1)
-    for place, one in enumerate(all_trials):
-        before, after = (times[f"{place} {name}"] for name in ("before", "after"))
+    for i, trial in enumerate(all_trials):
+        before, after = (times[f"{i} {name}"] for name in ("before", "after"))
         ratio, low, high = after.times_faster(before)
         metrics: dict[str, float | None] = {"before": before.milliseconds, "after": after.milliseconds}
         metrics |= {"times": ratio, "times_low": low, "times_high": high}
-        kept = "kept" if one.kept else "dropped"
+        verdict = "kept" if trial.kept else "dropped"
         protocol = _protocol(cfg, torch.device("cpu"))
-        yield Record(TRIED, "", "", kept, one.expected, one.change, metrics, size=(width, height), protocol=protocol)
+        keys = TRIED, "", "", verdict, trial.expected, trial.change
+        yield Record(*keys, metrics, size=(width, height), protocol=protocol)
 
 
 def cold_records(cfg: DictConfig, views: Path, folder: Path) -> Iterator[Record]:

@@ -78,8 +78,8 @@ class SecondOrder:
             images = filtered(images, [blur_kernel(order.sigma, draw) for _ in images])
         low, high = order.scale
         up, down, _ = order.directions
-        place = draw.uniform(0, 1)
-        scale = draw.uniform(1, high) if place < up else draw.uniform(low, 1) if place < up + down else 1.0
+        position = draw.uniform(0, 1)
+        scale = draw.uniform(1, high) if position < up else draw.uniform(low, 1) if position < up + down else 1.0
         images = resized(images, [max(1, int(side * scale)) for side in size], draw)
         return torch.stack([noisy(image, order, draw) for image in images])
 
@@ -111,8 +111,8 @@ def blur_kernel(sigma: Range, draw: Draw) -> Float[Tensor, "k k"]:
     side = draw.side()
     if draw.chance(SINC):
         return sinc_kernel(side, draw.uniform(math.pi / (3 if side < 13 else 5), math.pi))
-    place = draw.uniform(0, 1)
-    kind = "gaussian" if place < KINDS["gaussian"] else "generalised" if place < 1 - KINDS["plateau"] else "plateau"
+    u = draw.uniform(0, 1)
+    kind = "gaussian" if u < KINDS["gaussian"] else "generalised" if u < 1 - KINDS["plateau"] else "plateau"
     along = across = draw.uniform(*sigma)
     angle = 0.0
     if not draw.chance(ISOTROPIC[kind]):
@@ -164,7 +164,7 @@ def noisy(image: Float[Tensor, "3 h w"], order: Order, draw: Draw) -> Float[Tens
 
 
 def jpeg(images: Images, draw: Draw) -> Images:
-    """Through JPEG, each at its own quality."""
+    """Compress each image by JPEG, at a quality of its own."""
     quality = torch.tensor([draw.uniform(*QUALITY) for _ in images])
     return jpeg_codec_differentiable(images.clamp(0, 1), quality)
 

@@ -21,17 +21,17 @@ def measured(cfg: DictConfig) -> list[dict[str, Any]]:
     Args:
         cfg: conf/similarity.yaml, composed.
     """
-    photo, first = torch.rand(2, 3, cfg.height, cfg.width, generator=torch.Generator().manual_seed(0))
+    photo, initial = torch.rand(2, 3, cfg.height, cfg.width, generator=torch.Generator().manual_seed(0))
     target = prepare(photo)
 
     def own() -> None:
-        image = first.clone().requires_grad_()
+        image = initial.clone().requires_grad_()
         photometric_loss(image, target).backward()
 
     def autograd() -> None:
-        image = first.clone().requires_grad_()
-        unlike = dssim(image[None], photo[None]).mean()
-        (0.8 * (image - photo).abs().mean() + 0.2 * unlike).backward()
+        image = initial.clone().requires_grad_()
+        dissimilarity = dssim(image[None], photo[None]).mean()
+        (0.8 * (image - photo).abs().mean() + 0.2 * dissimilarity).backward()
 
     times = time_interleaved({"own": own, "autograd": autograd}, cfg.rounds)
     row = {

@@ -64,12 +64,12 @@ def write_views(rendered: RenderedSet, folder: Path) -> None:
     for view, side in zip(views, sides, strict=True):
         if view.read is None or view.read_photo is None or view.read_depth is None:
             raise ValueError(f"{view.name} lacks a render, a photo or depth")
-        part = folder / side / f"ours_{STEP}"
+        side_folder = folder / side / f"ours_{STEP}"
         for name in ("renders", "gt", "depth"):
-            (part / name).mkdir(parents=True, exist_ok=True)
-        write_image(part / "renders" / view.name, view.read())
-        write_image(part / "gt" / view.name, view.read_photo())
-        np.save(part / "depth" / f"{Path(view.name).stem}.npy", view.read_depth()[0].numpy())
+            (side_folder / name).mkdir(parents=True, exist_ok=True)
+        write_image(side_folder / "renders" / view.name, view.read())
+        write_image(side_folder / "gt" / view.name, view.read_photo())
+        np.save(side_folder / "depth" / f"{Path(view.name).stem}.npy", view.read_depth()[0].numpy())
         if view.read_fine_photo is not None:
             (folder / "fine").mkdir(exist_ok=True)
             write_image(folder / "fine" / view.name, view.read_fine_photo())

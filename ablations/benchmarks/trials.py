@@ -172,8 +172,8 @@ def _compiled(views: NetworkInput) -> Iterator[Trial]:
     landing = ProjectedPixels(columns[None], rows[None], torch.ones(1, height, width))
     photo, render = views.references[0, 0], views.references[0, 1]
 
-    def read(one: Tensor) -> Tensor:
-        return sample_projected(one, landing, (height, width), visibility, "bicubic")
+    def read(image: Tensor) -> Tensor:
+        return sample_projected(image, landing, (height, width), visibility, "bicubic")
 
     yield Trial(
         "photo and render of a reference read together",

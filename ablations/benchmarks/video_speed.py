@@ -56,10 +56,10 @@ class Bench:
         enhancer = self.filmed.enhancer
         if isinstance(enhancer.reference_config, PathReferences):
             enhancer.reference_config.kept.clear()
-        place = Path(tempfile.mkdtemp(dir=self.folder))
-        shows = self.output.layout.needs_render
-        planner = validated.planner(self.rules)
-        return Film(enhancer, self.filmed.task.rendered, planner, validated.pool, FrameFolder(place), shows)
+        frames_folder = Path(tempfile.mkdtemp(dir=self.folder))
+        rendered, planner = self.filmed.task.rendered, validated.planner(self.rules)
+        shows_render = self.output.layout.needs_render
+        return Film(enhancer, rendered, planner, validated.pool, FrameFolder(frames_folder), shows_render)
 
     def encode(self, film: Film, frames: Iterable[Frame]) -> None:
         """Encode frames as the job does."""
@@ -104,13 +104,13 @@ def summary(times: dict[str, Timing], frames: int) -> dict[str, Any]:
         times: of a whole film.
         frames: of it.
     """
-    each = {name: times[name].milliseconds / frames for name in (*STAGES, TOGETHER)}
-    slowest = max(STAGES, key=lambda name: each[name])
+    milliseconds = {name: times[name].milliseconds / frames for name in (*STAGES, TOGETHER)}
+    slowest = max(STAGES, key=lambda name: milliseconds[name])
     return {
-        "milliseconds_a_frame": {name: round(value, 2) for name, value in each.items()},
-        "one_after_the_other": round(sum(each[name] for name in STAGES), 2),
+        "milliseconds_a_frame": {name: round(value, 2) for name, value in milliseconds.items()},
+        "one_after_the_other": round(sum(milliseconds[name] for name in STAGES), 2),
         "slowest": slowest,
-        "share": round(each[slowest] / each[TOGETHER], 3),
+        "share": round(milliseconds[slowest] / milliseconds[TOGETHER], 3),
     }
 
 

@@ -121,20 +121,20 @@ def settled(driver: Any, seconds: float = 5.0) -> None:
     Raises:
         InputError: the picture keeps changing, or there is none.
     """
-    began, last, since = time.monotonic(), None, time.monotonic()
-    while last is None or time.monotonic() - since < seconds:
+    began, shown, since = time.monotonic(), None, time.monotonic()
+    while shown is None or time.monotonic() - since < seconds:
         if time.monotonic() - began > WAIT:
             raise InputError("the page", f"shows no still picture after {WAIT:.0f} s", "choose a smaller width")
-        now = status(driver)
-        if now != last:
-            last, since = now, time.monotonic()
+        current = status(driver)
+        if current != shown:
+            shown, since = current, time.monotonic()
         time.sleep(0.1)
 
 
 def processor_seconds(process: int) -> float:
     """Processor seconds of a process and its children on all cores together."""
     family = [psutil.Process(process), *psutil.Process(process).children(recursive=True)]
-    return float(sum(sum(one.cpu_times()[:2]) for one in family))
+    return float(sum(sum(member.cpu_times()[:2]) for member in family))
 
 
 def dragged(driver: Any, job: int, seconds: float) -> dict[str, Any]:
@@ -143,32 +143,31 @@ def dragged(driver: Any, job: int, seconds: float) -> dict[str, Any]:
 
     canvas = max(driver.find_elements("tag name", "canvas"), key=lambda one: one.size["width"])
     ActionChains(driver, duration=0).move_to_element(canvas).click_and_hold().perform()
-    seen: dict[int, int] = {}
+    milliseconds: dict[int, int] = {}
     sizes, moves = set(), 0
     processes = {"job": job, "browser": driver.service.process.pid}
-    spent = {name: processor_seconds(process) for name, process in processes.items()}
+    processor = {name: processor_seconds(process) for name, process in processes.items()}
     first, began = status(driver), time.monotonic()
     while time.monotonic() - began < seconds:
         direction = 1 if moves // 20 % 2 == 0 else -1
         ActionChains(driver, duration=0).move_by_offset(direction * STEP, 0).perform()
         moves += 1
-        if (now := status(driver)) is not None:
-            seen[now[3]] = now[0]
-            sizes.add(now[1:3])
-    last, taken = status(driver), time.monotonic() - began
-    spent = {name: processor_seconds(process) - spent[name] for name, process in processes.items()}
+        if (current := status(driver)) is not None:
+            milliseconds[current[3]] = current[0]
+            sizes.add(current[1:3])
+    last, duration = status(driver), time.monotonic() - began
+    processor = {name: processor_seconds(process) - processor[name] for name, process in processes.items()}
     ActionChains(driver, duration=0).release().perform()
     if first is None or last is None:
         raise RuntimeError("the page states no picture")
     count = last[3] - first[3]
-    sizes_shown = sorted(f"{width}x{height}" for width, height in sizes)
     return {
         "pictures": count,
-        "seconds": round(taken, 2),
-        "pictures_a_second": round(count / taken, 2),
-        "median_ms": statistics.median(seen.values()),
-        "processor_seconds_a_picture": {name: round(each / max(1, count), 3) for name, each in spent.items()},
-        "sizes": sizes_shown,
+        "seconds": round(duration, 2),
+        "pictures_a_second": round(count / duration, 2),
+        "median_ms": statistics.median(milliseconds.values()),
+        "processor_seconds_a_picture": {name: round(spent / max(1, count), 3) for name, spent in processor.items()},
+        "sizes": sorted(f"{width}x{height}" for width, height in sizes),
         "moves": moves,
     }
 
@@ -214,8 +213,8 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
     def measure(run: str) -> Iterator[dict[str, object]]:
         about = {"run": run, "show": cfg.show, "width": cfg.width, "options": " ".join(words)}
         with viewing([*overrides, *words]) as (address, job), browsing(address) as driver:
-            found = dragged(driver, job, float(cfg.seconds))
-        yield {**about, **found, "cores": len(os.sched_getaffinity(0)), "load_before": round(load, 2)}
+            pictures = dragged(driver, job, float(cfg.seconds))
+        yield {**about, **pictures, "cores": len(os.sched_getaffinity(0)), "load_before": round(load, 2)}
 
     keys = ("run", "show", "width", "options")
     if cfg.picture:

@@ -50,8 +50,8 @@ class ResidualEnhancer:
         """
         sources = self.trained.choice.sources(view, target, pool)
         exposure = applied_exposure(target.image, sources, self.exposure)
-        seen = ResidualInput.of(target.image, sources, self.trained.choice.visible)
-        return corrected(self.trained.network, seen, exposure[None])[0].clamp(0, 1)
+        inputs = ResidualInput.of(target.image, sources, self.trained.choice.visible)
+        return corrected(self.trained.network, inputs, exposure[None])[0].clamp(0, 1)
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class IBGS:
     exposure: bool = True
 
     @classmethod
-    def found(cls, patterns: Sequence[str], exposure: bool = True) -> "IBGS":
+    def from_patterns(cls, patterns: Sequence[str], exposure: bool = True) -> "IBGS":
         """Collect the networks of finished runs of the job ``ibgs``.
 
         Args:

@@ -37,18 +37,18 @@ class ResidualInput(Movable):
     rays: Float[Tensor, "b 3 h w"]
 
     @classmethod
-    def of(cls, render: Float[Tensor, "3 h w"], sources: Sources, most: int) -> "ResidualInput":
+    def of(cls, render: Float[Tensor, "3 h w"], sources: Sources, per_pixel: int) -> "ResidualInput":
         """A batch of one. Each pixel lists the sources that are used there, in their order, padded with empty ones.
 
         Args:
             render: of the target.
             sources: of the target.
-            most: sources that are used at a pixel at most (`SourceChoice.visible`).
+            per_pixel: sources that are used at a pixel at most (`SourceChoice.visible`).
         """
-        lacking = max(0, most - len(sources.names))
+        lacking = max(0, per_pixel - len(sources.names))
         filled = [F.pad(image, (0, 0) * 3 + (0, lacking)) for image in (sources.colours, sources.cameras)]
         visible = F.pad(sources.visible, (0, 0) * 3 + (0, lacking))
-        order = visible.to(torch.uint8).argsort(dim=0, descending=True, stable=True)[:most]
+        order = visible.to(torch.uint8).argsort(dim=0, descending=True, stable=True)[:per_pixel]
         colours, cameras, counted = (
             image.gather(0, order.expand(-1, image.shape[1], -1, -1))[None] for image in (*filled, visible)
         )
@@ -86,11 +86,11 @@ class IBGSResidual(nn.Module):
         nn.init.zeros_(self.head.weight)
         nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
 
-    def forward(self, seen: ResidualInput) -> Float[Tensor, "b 3 h w"]:
+    def forward(self, inputs: ResidualInput) -> Float[Tensor, "b 3 h w"]:
         """What is added to the render."""
-        height, width = seen.render.shape[-2:]
-        base = torch.cat([seen.render - 0.5, seen.rays], dim=1)
-        x = torch.cat([base, self.pooled(seen)], dim=1)
+        height, width = inputs.render.shape[-2:]
+        render_and_rays = torch.cat([inputs.render - 0.5, inputs.rays], dim=1)
+        x = torch.cat([render_and_rays, self.pooled(inputs)], dim=1)
         x = F.pad(x, (0, -width % DOWN, 0, -height % DOWN), mode="replicate")
         skips = [torch.relu(self.enter(x))]
         for shrink in self.shrink:
@@ -99,17 +99,17 @@ class IBGSResidual(nn.Module):
         for grow, skip in zip(self.grow, reversed(skips), strict=True):
             x = torch.relu(grow(torch.cat([F.interpolate(x, scale_factor=2.0), skip], dim=1)))
         residual: Tensor = self.head(x)[..., :height, :width]
-        return residual.to(seen.render.dtype)
+        return residual.to(inputs.render.dtype)
 
-    def pooled(self, seen: ResidualInput) -> Float[Tensor, "b c h w"]:
+    def pooled(self, inputs: ResidualInput) -> Float[Tensor, "b c h w"]:
         """Mean, variance and maximum of the visible sources' features; 0 where none is visible."""
-        if seen.colours.shape[1] == 0:
-            batch, _, height, width = seen.render.shape
-            return seen.render.new_zeros(batch, self.enter.in_channels - 6, height, width)
-        visible = seen.visible.to(seen.render.dtype)
-        errors = (seen.colours - seen.render[:, None]) * visible
-        each = torch.cat([errors, seen.cameras], dim=2)
-        features = self.encode(each.flatten(0, 1)).unflatten(0, each.shape[:2]) * visible
+        if inputs.colours.shape[1] == 0:
+            batch, _, height, width = inputs.render.shape
+            return inputs.render.new_zeros(batch, self.enter.in_channels - 6, height, width)
+        visible = inputs.visible.to(inputs.render.dtype)
+        errors = (inputs.colours - inputs.render[:, None]) * visible
+        source_features = torch.cat([errors, inputs.cameras], dim=2)
+        features = self.encode(source_features.flatten(0, 1)).unflatten(0, source_features.shape[:2]) * visible
         count = visible.sum(1).clamp_min(1)
         mean = features.sum(1) / count
         variance = ((features - mean[:, None]).square() * visible).sum(1) / count

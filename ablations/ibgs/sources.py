@@ -20,7 +20,7 @@ from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.types import Camera
 
 CAMERA_FEATURES = 4
-LEAST = 500
+MIN_PIXELS = 500
 """Least number of visible pixels from which a photo's exposure is estimated."""
 
 
@@ -77,15 +77,15 @@ class SourceChoice:
             InputError: a view has no camera.
         """
         camera = camera_of(target.name, target.camera)
-        found = []
+        candidates = []
         for index, view in enumerate(views):
             if view.name == target.name:
                 continue
-            other = camera_of(view.name, view.camera)
-            cosine = float(camera.forward.double() @ other.forward.double())
+            source = camera_of(view.name, view.camera)
+            cosine = float(camera.forward.double() @ source.forward.double())
             if cosine > math.cos(math.radians(self.angle)):
-                found.append((float((camera.centre - other.centre).norm()), index))
-        return tuple(index for _, index in sorted(found)[: self.candidates])
+                candidates.append((float((camera.centre - source.centre).norm()), index))
+        return tuple(index for _, index in sorted(candidates)[: self.candidates])
 
     def sources(self, view: RenderedView, target: LoadedView, pool: ReferencePool) -> Sources:
         """The source views of a target.
@@ -101,21 +101,22 @@ class SourceChoice:
         camera = camera_of(view.name, target.camera)
         if target.depth is None:
             raise InputError(view.name, "has no depth to find source pixels by", "give fits with depth")
-        points, rays, reach = surface_points(camera, target.depth)
+        points, rays, distances = surface_points(camera, target.depth)
         chosen = [pool.read(index) for index in self.nearest(view, pool.views)]
         height, width = target.image.shape[-2:]
         colours, cameras = target.image.new_zeros(len(chosen), 3, height, width), rays.new_zeros(0, 4, height, width)
-        seen = torch.zeros(len(chosen), 1, height, width, dtype=torch.bool)
+        visible = torch.zeros(len(chosen), 1, height, width, dtype=torch.bool)
         for i, source in enumerate(chosen):
-            other = camera_of(source.name, source.camera)
+            source_camera = camera_of(source.name, source.camera)
             if source.depth is None:
                 raise InputError(source.name, "has no depth, which visibility requires", "give fits with depth")
-            warped = reproject(camera, target.depth, other, source.image, source.depth, tolerance=self.tolerance)
+            pixels = source.image, source.depth
+            warped = reproject(camera, target.depth, source_camera, *pixels, tolerance=self.tolerance)
             colours[i] = warped.colour
-            seen[i] = warped.visibility >= math.exp(-0.5)  # one standard deviation is the tolerance
-            cameras = torch.cat([cameras, camera_features(points, rays, reach, other)[None]])
-        counted = seen & (seen.cumsum(0) <= self.visible)
-        return Sources(colours * counted, cameras * counted, counted, rays, tuple(source.name for source in chosen))
+            visible[i] = warped.visibility >= math.exp(-0.5)  # one standard deviation is the tolerance
+            cameras = torch.cat([cameras, camera_features(points, rays, distances, source_camera)[None]])
+        used = visible & (visible.cumsum(0) <= self.visible)
+        return Sources(colours * used, cameras * used, used, rays, tuple(source.name for source in chosen))
 
 
 def surface_points(
@@ -125,42 +126,43 @@ def surface_points(
     height, width = depth.shape[-2:]
     x, y = torch.arange(width) + 0.5, torch.arange(height)[:, None] + 0.5
     pixels = torch.stack([x.expand(height, width), y.expand(height, width), torch.ones(height, width)])
-    turn = camera.resized(height, width).K.double()
-    slopes = (camera.rotation.double().T @ torch.linalg.inv(turn) @ pixels.double().flatten(1)).view(3, height, width)
+    intrinsics = camera.resized(height, width).K.double()
+    slopes = camera.rotation.double().T @ torch.linalg.inv(intrinsics) @ pixels.double().flatten(1)
+    slopes = slopes.view(3, height, width)
     length = slopes.norm(dim=0, keepdim=True)
     points = camera.centre.double()[:, None, None] + depth.double() * slopes
     return points.float(), (slopes / length).float(), (depth.double() * length).float()
 
 
 def camera_features(
-    points: Float[Tensor, "3 h w"], rays: Float[Tensor, "3 h w"], reach: Float[Tensor, "1 h w"], other: Camera
+    points: Float[Tensor, "3 h w"], rays: Float[Tensor, "3 h w"], distances: Float[Tensor, "1 h w"], source: Camera
 ) -> Float[Tensor, "4 h w"]:
     """Camera features of points: how another camera sees them, relative to the target.
 
     Args:
         points: in the world.
         rays: unit directions in which the target sees them.
-        reach: their distances from the target.
-        other: the camera of a source view.
+        distances: their distances from the target.
+        source: the camera of a source view.
     """
-    there = points - other.centre[:, None, None]
-    distance = there.norm(dim=0, keepdim=True).clamp_min(1e-9)
-    return torch.cat([there / distance - rays, (distance / reach.clamp_min(1e-9)).log()])
+    from_source = points - source.centre[:, None, None]
+    distance = from_source.norm(dim=0, keepdim=True).clamp_min(1e-9)
+    return torch.cat([from_source / distance - rays, (distance / distances.clamp_min(1e-9)).log()])
 
 
 def exposure_map(render: Float[Tensor, "3 h w"], sources: Sources) -> Float[Tensor, "3 4"]:
     """The affine colour map from the render to the nearest photo, by least squares over the photo's visible pixels.
 
-    It is the identity if no photo has `LEAST` visible pixels.
+    It is the identity if no photo has `MIN_PIXELS` visible pixels.
 
     Args:
         render: of the target.
         sources: of the target.
     """
     for colours, visible in zip(sources.colours, sources.visible[:, 0], strict=True):
-        if int(visible.sum()) >= LEAST:
+        if int(visible.sum()) >= MIN_PIXELS:
             return fit_colour_map(render[:, visible].double(), colours[:, visible].double()).float()
-    return torch.cat([torch.eye(3), torch.zeros(3, 1)], dim=1)
+    return torch.eye(3, 4)
 
 
 def mapped_colours(image: Float[Tensor, "*b 3 h w"], mapping: Float[Tensor, "*b 3 4"]) -> Float[Tensor, "*b 3 h w"]:

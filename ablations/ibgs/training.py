@@ -59,7 +59,7 @@ class ResidualSettings:
             raise InputError("dissimilarity", f"is {self.dissimilarity}", "give a number from 0 to 1")
 
     def lr_at(self, step: int) -> float:
-        """The rate of a step."""
+        """The learning rate of a step."""
         return self.lr * 0.5 * (1 + math.cos(math.pi * step / self.steps))
 
 
@@ -68,12 +68,12 @@ class TrainingView:
     """A training view: the network's input and the photo.
 
     Args:
-        seen: the network's input, a batch of one.
+        inputs: of the network, a batch of one.
         photo: the target of the training.
         exposure: colour map from the render to the nearest other photo.
     """
 
-    seen: ResidualInput
+    inputs: ResidualInput
     photo: Float[Tensor, "3 h w"]
     exposure: Float[Tensor, "3 4"]
 
@@ -104,9 +104,7 @@ def training_views(rendered: RenderedSet, choice: SourceChoice, exposure: bool) 
 
 def applied_exposure(render: Float[Tensor, "3 h w"], sources: Sources, exposure: bool) -> Float[Tensor, "3 4"]:
     """The result of `exposure_map`, or the identity if exposure is not matched."""
-    if exposure:
-        return exposure_map(render, sources)
-    return torch.cat([torch.eye(3), torch.zeros(3, 1)], dim=1)
+    return exposure_map(render, sources) if exposure else torch.eye(3, 4)
 
 
 def train_residual(
@@ -155,12 +153,12 @@ class Crops:
     """A batch of crops.
 
     Args:
-        seen: the network's input.
+        inputs: of the network.
         photo: the target of the training.
         exposure: colour map of each crop's view.
     """
 
-    seen: ResidualInput
+    inputs: ResidualInput
     photo: Float[Tensor, "b 3 h w"]
     exposure: Float[Tensor, "b 3 4"]
 
@@ -180,11 +178,11 @@ def drawn(views: Sequence[TrainingView], settings: ResidualSettings, step: int) 
         view = views[int(torch.randint(len(views), (), generator=generator))]
         top, left = (int(torch.randint(length - side + 1, (), generator=generator)) for length in view.photo.shape[-2:])
         cut = (..., slice(top, top + side), slice(left, left + side))
-        inputs.append({one.name: getattr(view.seen, one.name)[cut] for one in fields(view.seen)})
+        inputs.append({field.name: getattr(view.inputs, field.name)[cut] for field in fields(view.inputs)})
         photos.append(view.photo[cut])
         maps.append(view.exposure)
-    seen = ResidualInput(**{name: torch.cat([one[name] for one in inputs]) for name in inputs[0]})
-    return Crops(seen, torch.stack(photos), torch.stack(maps))
+    batch = ResidualInput(**{name: torch.cat([crop[name] for crop in inputs]) for name in inputs[0]})
+    return Crops(batch, torch.stack(photos), torch.stack(maps))
 
 
 def loss(network: IBGSResidual, crops: Crops, dissimilarity: float) -> Float[Tensor, ""]:
@@ -195,23 +193,25 @@ def loss(network: IBGSResidual, crops: Crops, dissimilarity: float) -> Float[Ten
         crops: input and photos.
         dissimilarity: weight of the second term.
     """
-    image = corrected(network, crops.seen, crops.exposure)
+    image = corrected(network, crops.inputs, crops.exposure)
     difference = (image - crops.photo).abs().mean()
     return (1 - dissimilarity) * difference + dissimilarity * dssim(image, crops.photo).mean()
 
 
-def corrected(network: IBGSResidual, seen: ResidualInput, exposure: Float[Tensor, "b 3 4"]) -> Float[Tensor, "b 3 h w"]:
+def corrected(
+    network: IBGSResidual, inputs: ResidualInput, exposure: Float[Tensor, "b 3 4"]
+) -> Float[Tensor, "b 3 h w"]:
     """Render plus residual, at the exposure of the nearest photo; not clamped.
 
     Args:
         network: predicts the residual.
-        seen: input of the network.
+        inputs: input of the network.
         exposure: colour maps (`applied_exposure`).
     """
-    faster = torch.cpu._is_avx512_bf16_supported()
-    with torch.autocast("cpu", torch.bfloat16, enabled=faster):
-        residual = network(seen)
-    return mapped_colours(seen.render + residual.float(), exposure)
+    has_bfloat16 = torch.cpu._is_avx512_bf16_supported()
+    with torch.autocast("cpu", torch.bfloat16, enabled=has_bfloat16):
+        residual = network(inputs)
+    return mapped_colours(inputs.render + residual.float(), exposure)
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,1 @@
-"""One short file a job of the lab."""
+"""The jobs of this package, one module each."""

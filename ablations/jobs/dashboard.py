@@ -37,20 +37,21 @@ def run(cfg: DictConfig) -> float | None:
     """
     require(cfg)
     folder, runs = Path(cfg.folder), Path(cfg.runs)
-    output = Path(cfg.output or runs / "dashboard")
-    listed = read_folder(folder)
-    sources = source_runs(runs, all_records(listed), configuration)
+    output = output_path(cfg)
+    tables = read_folder(folder)
+    sources = source_runs(runs, all_records(tables), configuration)
     views = int(cfg.images_per_scene)
-    pictures = copy_pictures(listed, runs, output, views) if views > 0 else ShownImages()
+    pictures = copy_pictures(tables, runs, output, views) if views > 0 else ShownImages()
     title = cfg.title or f"GaussianEnhancer suite · {folder.name}"
     path = output / "dashboard.html"
     aims = aims_of(compose_checked("plan_study", cfg, ()))
     studies = [
-        read_study(str(name), Path(one.records), Path(one.diagrams), output, aims) for name, one in cfg.studies.items()
+        read_study(str(name), Path(study.records), Path(study.diagrams), output, aims)
+        for name, study in cfg.studies.items()
     ]
-    write_dashboard(path, title, listed, sources, pictures, studies)
+    write_dashboard(path, title, tables, sources, pictures, studies)
     absent = sum(bool(source.absent) for source in sources)
-    counts = f"{len(listed)} tables, {len(all_records(listed))} records, {len(pictures.shown)} views with pictures"
+    counts = f"{len(tables)} tables, {len(all_records(tables))} records, {len(pictures.shown)} views with pictures"
     counts += f", {absent} of {len(sources)} runs not on this machine in full" if absent else ""
     print_line(Console(stderr=True), f"{path}: {counts}")
     return None

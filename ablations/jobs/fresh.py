@@ -71,10 +71,10 @@ class Age:
     def __str__(self) -> str:
         if not self.stale:
             return f"fresh  {self.page.path}"
-        parts = [f"{name} ({len(files)} files)" for name, files in self.changed.items()]
-        parts += [f"unknown commit {commit}" for commit in self.unknown]
-        parts += [] if self.commits else ["its records state no commit"]
-        line = f"{'FALSE' if self.false else 'stale'}  {self.page.path}: {', '.join(parts)}"
+        reasons = [f"{name} ({len(files)} files)" for name, files in self.changed.items()]
+        reasons += [f"unknown commit {commit}" for commit in self.unknown]
+        reasons += [] if self.commits else ["its records state no commit"]
+        line = f"{'FALSE' if self.false else 'stale'}  {self.page.path}: {', '.join(reasons)}"
         return line + (f"; {self.behind} commits behind" if self.behind else "")
 
 
@@ -92,7 +92,7 @@ def pages(root: Path, cfg: DictConfig) -> tuple[CommittedPage, ...]:
 
     tables = sorted((root / "docs/results/tables").glob("*/*.jsonl"))
     names = [path.relative_to(root).with_suffix("").as_posix() for path in tables]
-    listed = [page(path, one["records"], one["inputs"]) for path, one in values["pages"].items()]
+    listed = [page(path, entry["records"], entry["inputs"]) for path, entry in values["pages"].items()]
     return (*listed, *(page(f"{name}.md", (f"{name}.jsonl",), values["tables"]) for name in names))
 
 
@@ -178,7 +178,7 @@ def run(cfg: DictConfig) -> None:
     """
     ages = [age(ROOT, page) for page in pages(ROOT, cfg)]
     print("\n".join(map(str, ages)))
-    stale, false = sum(one.stale for one in ages), sum(one.false for one in ages)
+    stale, false = sum(page_age.stale for page_age in ages), sum(page_age.false for page_age in ages)
     print(f"{len(ages)} pages: {len(ages) - stale} fresh, {stale} stale, {false} of them false")
     if false or (stale and cfg.strict):
         raise InputError("pages", f"hold {false} false and {stale - false} other stale ones", "measure them again")

@@ -54,8 +54,8 @@ def run(cfg: DictConfig) -> None:
     TrainedResidual(network, fit.resolve().name, cfg.step, settings, choice).save(weights)
     (job.folder / NAME).unlink(missing_ok=True)
     job.finish()
-    told = f"{count_parameters(network)} parameters, {len(views)} views, {settings.steps} steps"
-    print_line(console, f"{weights}: {told}")
+    summary = f"{count_parameters(network)} parameters, {len(views)} views, {settings.steps} steps"
+    print_line(console, f"{weights}: {summary}")
 
 
 def _only(fits: Sequence[Path], pattern: str) -> Path:

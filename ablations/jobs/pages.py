@@ -67,12 +67,12 @@ def remade(source: Path, folder: Path) -> list[Path]:
         write_text(README, readme.insert_between_marks(front, readme.text(read_records(readme.RECORDS))))
     finally:
         os.chdir(before)
-    made = [README, *sorted(path.relative_to(folder) for path in (folder / DOCS).rglob("*") if path.is_file())]
-    return [path for path in made if not _same(source / path, folder / path)]
+    regenerated = [README, *sorted(path.relative_to(folder) for path in (folder / DOCS).rglob("*") if path.is_file())]
+    return [path for path in regenerated if not _same(source / path, folder / path)]
 
 
-def _same(committed: Path, made: Path) -> bool:
-    return committed.is_file() and committed.read_bytes() == made.read_bytes()
+def _same(committed: Path, regenerated: Path) -> bool:
+    return committed.is_file() and committed.read_bytes() == regenerated.read_bytes()
 
 
 def run(cfg: DictConfig) -> None:

@@ -94,8 +94,8 @@ def _reported(cfg: DictConfig, console: Console) -> float | None:
     ]
     page, drawing = Path(cfg.markdown), results / "leaving_out.svg"
     write_text(drawing, plan_plot(sets[0]))
-    tried = results / "already_good.jsonl"
-    good = read_records(tried) if tried.is_file() else ()
+    already_good = results / "already_good.jsonl"
+    good = read_records(already_good) if already_good.is_file() else ()
     write_text(page, plan_study_page(cfg.title, cfg.about, sets, good, drawing, page))
     print_line(console, f"{page}, {drawing}")
     ratios = [cost.ratio for cost in sets[0].costs() if cost.ratio is not None]
@@ -124,14 +124,14 @@ def enhanced_by(rules: Rules, pretrained: Pretrained, rendered: RenderedSet, dev
         rendered: targets, whose depth is the surface's, and references.
         device: where the network runs.
     """
-    found = validate_inputs(rendered, pretrained.reference_config, rules, pretrained.network.scale)
-    enhancer = EnhancementOptions().enhancer(pretrained, found.reference_config, device)
-    planner = found.planner(rules)
-    for read_file in validation_reads(found, False, planner, False):
+    validated = validate_inputs(rendered, pretrained.reference_config, rules, pretrained.network.scale)
+    enhancer = EnhancementOptions().enhancer(pretrained, validated.reference_config, device)
+    planner = validated.planner(rules)
+    for read_file in validation_reads(validated, False, planner, False):
         read_file()
-    images = tuple(enhancer(found.rendered, planner, found.pool))
-    views = tuple(one.plan for one in images if one.plan is not None)
-    return PlanOutcome(Plan(rendered.name, rules, found.parts, views), images)
+    images = tuple(enhancer(validated.rendered, planner, validated.pool))
+    views = tuple(enhanced.plan for enhanced in images if enhanced.plan is not None)
+    return PlanOutcome(Plan(rendered.name, rules, validated.parts, views), images)
 
 
 def _cell(cfg: DictConfig, name: str, console: Console) -> Iterator[Record]:
@@ -163,47 +163,47 @@ def _measured(cfg: DictConfig, cell: StudyCell, background: bool) -> Iterator[Re
 
     calls: dict[str, Callable[[], object]] = {name: partial(enhance, name) for name in rules}
     times = time_interleaved(calls, cfg.repeats, 1, device)
-    alone = replace(rendered, targets=rendered.targets[:1])
+    first_view = replace(rendered, targets=rendered.targets[:1])
     distances = requested_distances(cfg.lpips, cfg.backbones, device)
-    for name, one in outcomes.items():
-        peak = peak_memory(lambda one=one: enhanced_by(one.plan.rules, pretrained, alone, device), device)  # type: ignore[misc]
-        record = _scene_record(fit.name, cell, name, one, times[name], peak, background)
+    for name, outcome in outcomes.items():
+        peak = peak_memory(partial(enhanced_by, outcome.plan.rules, pretrained, first_view, device), device)
+        record = _scene_record(fit.name, cell, name, outcome, times[name], peak, background)
         ratios = dict(zip(RATIOS, times[name].times_faster(times[cfg.baseline]), strict=True))
         yield replace(record, metrics={**record.metrics, **ratios})
-        for record in _view_records(rendered, one, distances):
+        for record in _view_records(rendered, outcome, distances):
             yield replace(record, run=fit.name, scene=cell.scene, splat=cell.splat, variant=name)
 
 
 def _scene_record(
-    fit: str, cell: StudyCell, name: str, one: PlanOutcome, timing: Timing, peak: int, background: bool
+    fit: str, cell: StudyCell, name: str, outcome: PlanOutcome, timing: Timing, peak: int, background: bool
 ) -> Record:
     """Time, memory and what was left out of a scene."""
-    views, count = one.plan.views, len(one.images)
-    left = [share for view in views for share in view.left_out.values()]
+    views, count = outcome.plan.views, len(outcome.images)
+    left_out_shares = [share for view in views for share in view.left_out.values()]
     metrics: dict[str, float | None] = {
         "milliseconds": timing.milliseconds / count,
         "milliseconds_deviation": timing.deviation / count,
         "peak_memory_mb": peak / 1e6,
         "views": count,
         "background": float(background),
-        "passed": one.plan.passed_share,
+        "passed": outcome.plan.passed_share,
         "candidates_taken": sum(len(view.references or ()) for view in views),
-        "candidates_left_out": len(left),
-        "candidates_unseeing": sum(share < one.plan.rules.share for share in left),
+        "candidates_left_out": len(left_out_shares),
+        "candidates_unseeing": sum(share < outcome.plan.rules.share for share in left_out_shares),
     }
-    metrics |= {f"part {part.name}": float(part.used) for part in one.plan.parts}
-    reasons = {f"part {part.name}": part.why for part in one.plan.parts}
-    height, width = one.images[0].image.shape[-2:]
+    metrics |= {f"part {part.name}": float(part.used) for part in outcome.plan.parts}
+    reasons = {f"part {part.name}": part.why for part in outcome.plan.parts}
+    height, width = outcome.images[0].image.shape[-2:]
     rounds = f"{len(timing.repeats)} interleaved repeats of reading, planning and enhancing {count} views"
     protocol = f"{rounds}, median; times faster: median of the repeats' own ratios"
     return Record(KIND, fit, cell.scene, cell.splat, "", name, metrics, reasons, (width, height), protocol)
 
 
-def _view_records(rendered: RenderedSet, one: PlanOutcome, distances: list[PerceptualDistance]) -> Iterator[Record]:
+def _view_records(rendered: RenderedSet, outcome: PlanOutcome, distances: list[PerceptualDistance]) -> Iterator[Record]:
     """Error of every view against its photo."""
-    for view, image in zip(rendered.targets, one.images, strict=True):
+    for view, image in zip(rendered.targets, outcome.images, strict=True):
         if view.read_photo is None:
             raise InputError(view.name, "has no photo to be measured against", "give a run with its photos")
-        found = measure_pair(image.image, view.read_photo(), distances)
+        quality = measure_pair(image.image, view.read_photo(), distances)
         height, width = image.image.shape[-2:]
-        yield Record("quality", "", "", "", view.name, "", found.metrics, found.reasons, (width, height), PROTOCOL)
+        yield Record("quality", "", "", "", view.name, "", quality.metrics, quality.reasons, (width, height), PROTOCOL)

@@ -37,13 +37,13 @@ def study(cfg: DictConfig, device: torch.device) -> Study[tuple[str, str, StudyC
     cfg = with_backbones(cfg)
     cells = {str(name): tuple(study_cells(cfg, table)) for name, table in cfg.tables.items()}
     _refuse_unknown(cfg)
-    parts = [
-        (name, f"{name} {number} of {len(own)}: {cell.scene}, {cell.splat}", cell)
-        for name, own in cells.items()
-        for number, cell in enumerate(own, 1)
+    cells_to_measure = [
+        (name, f"{name} {number} of {len(table_cells)}: {cell.scene}, {cell.splat}", cell)
+        for name, table_cells in cells.items()
+        for number, cell in enumerate(table_cells, 1)
     ]
     return Study(
-        () if cfg.records_only else parts,
+        () if cfg.records_only else cells_to_measure,
         lambda part: _measured(cfg, *part),
         ("variant", "scene", "splat"),
         replaces_file=True,
@@ -75,7 +75,7 @@ def _reported(cfg: DictConfig) -> float | None:
 def study_cells(cfg: DictConfig, table: DictConfig) -> Iterator[StudyCell]:
     """The cells of a table: scenes x methods x densities of its groups, as the table and the user request them."""
 
-    def asked(name: str, *choices: Sequence[str] | None) -> bool:
+    def included(name: str, *choices: Sequence[str] | None) -> bool:
         return all(choice is None or name in choice for choice in choices)
 
     for name in table.groups:
@@ -83,8 +83,11 @@ def study_cells(cfg: DictConfig, table: DictConfig) -> Iterator[StudyCell]:
         for scene, overrides in group.scenes.items():
             for splat in cfg.splats:
                 for density, choice in group.densities.items():
-                    kept = asked(scene, cfg.scenes, table.get("scenes")) and asked(density, table.get("densities"))
-                    if kept and asked(splat, table.get("splats")):
+                    if (
+                        included(scene, cfg.scenes, table.get("scenes"))
+                        and included(density, table.get("densities"))
+                        and included(splat, table.get("splats"))
+                    ):
                         fit = (*overrides, f"splat={splat}", *cfg.fit, *choice.fit)
                         every = table.get("every", choice.every)
                         yield StudyCell(str(scene), f"{splat}/{density}", fit, every, bool(table.get("finer")))
@@ -96,22 +99,23 @@ def _measured(cfg: DictConfig, name: str, title: str, cell: StudyCell) -> Iterat
     views: dict[str, tuple[str, ...]] = {}
     for method, choice in cfg.tables[name].methods.items():
         try:
-            found = measured_row(cfg, cell, str(method), choice)
+            records = measured_row(cfg, cell, str(method), choice)
         except InputError as error:
             print_line(CONSOLE, f"{method} is missing: {error}")
-            found = (missing_record(str(method), str(error), scene=cell.scene, splat=cell.splat),)
+            records = (missing_record(str(method), str(error), scene=cell.scene, splat=cell.splat),)
         else:
-            views[str(method)] = tuple(sorted(record.view for record in found))
-        yield from (replace(record, variant=f"{name}/{method}") for record in found)
+            views[str(method)] = tuple(sorted(record.view for record in records))
+        yield from (replace(record, variant=f"{name}/{method}") for record in records)
     check_same_views(f"{cell.scene}, {cell.splat}", views)
 
 
 def _table(cfg: DictConfig, name: str, records: Sequence[Record]) -> QualityTable:
     """A table of the page: its study, its records and its aims."""
     table = cfg.tables[name]
-    own = [replace(r, variant=r.variant.split("/", 1)[1]) for r in records if r.variant.startswith(f"{name}/")]
+    prefix = f"{name}/"
+    table_records = [replace(r, variant=r.variant[len(prefix) :]) for r in records if r.variant.startswith(prefix)]
     scenes = {str(group): tuple(map(str, cfg.groups[group].scenes)) for group in table.groups}
-    measured = list(dict.fromkeys(record.scene for record in own))
+    measured = list(dict.fromkeys(record.scene for record in table_records))
     study = TableDescription(
         name=name,
         title=str(table.title),
@@ -127,7 +131,7 @@ def _table(cfg: DictConfig, name: str, records: Sequence[Record]) -> QualityTabl
         seeds=(),
     )
     gains = {scene: _numbers(table.aims[g]) for g, names in scenes.items() for scene in names if g in table.aims}
-    return QualityTable(Results(study, own), Aims(gains, tuple(table.ahead), _numbers(table.allowed)))
+    return QualityTable(Results(study, table_records), Aims(gains, tuple(table.ahead), _numbers(table.allowed)))
 
 
 def _method(name: str, choice: DictConfig) -> Method:
@@ -142,8 +146,8 @@ def _numbers(values: Mapping[str, float]) -> dict[str, float]:
 
 def _refuse_unknown(cfg: DictConfig) -> None:
     """Refuse scenes and roles that do not exist; otherwise cells or methods would be left out silently."""
-    known = [str(scene) for group in cfg.groups.values() for scene in group.scenes]
-    refuse_unknown("scenes", cfg.scenes, known)
+    known_scenes = [str(scene) for group in cfg.groups.values() for scene in group.scenes]
+    refuse_unknown("scenes", cfg.scenes, known_scenes)
     for name, table in cfg.tables.items():
         if table.baseline not in table.methods:
             raise InputError(

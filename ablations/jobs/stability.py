@@ -31,14 +31,14 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
     """
     names = None if cfg.cases is None else list(cfg.cases)
     cases = catalogue(None if cfg.families is None else list(cfg.families), names)
-    families = {case.family: [one for one in cases if one.family == case.family] for case in cases}
+    families = {case.family: [member for member in cases if member.family == case.family] for case in cases}
     threads = cfg.runtime.threads or os.cpu_count() or 1
     steps, finest = tuple(cfg.order.steps), int(cfg.order.finest)
-    parts = {name: partial(_told, own, threads) for name, own in families.items()}
-    parts |= {f"order of {name}": partial(order_records, name, steps, finest) for name in SCHEDULES}
+    measurements = {name: partial(_told, family_cases, threads) for name, family_cases in families.items()}
+    measurements |= {f"order of {name}": partial(order_records, name, steps, finest) for name in SCHEDULES}
     report = partial(_reported, Path(cfg.records), Path(cfg.markdown))
-    chosen = () if cfg.records_only else tuple(parts)
-    return Study(chosen, lambda name: parts[name](), ("kind", "scene"), option="families", report=report)
+    chosen = () if cfg.records_only else tuple(measurements)
+    return Study(chosen, lambda name: measurements[name](), ("kind", "scene"), option="families", report=report)
 
 
 run = job(study)
@@ -57,11 +57,11 @@ def _told(cases: Sequence[Case], threads: int) -> Iterator[Record]:
 def _reported(source: Path, page: Path) -> float:
     """Write page and diagrams; return the number of failed cells."""
     cases = catalogue()
-    places = {case.name: place for place, case in enumerate(cases)}
-    found = read_records(source)
-    cells = [record for record in found if record.kind == KIND]
-    cells.sort(key=lambda record: places.get(record.scene, len(places)))
-    records = [*cells, *(record for record in found if record.kind != KIND)]
+    order = {case.name: index for index, case in enumerate(cases)}
+    all_records = read_records(source)
+    cells = [record for record in all_records if record.kind == KIND]
+    cells.sort(key=lambda record: order.get(record.scene, len(order)))
+    records = [*cells, *(record for record in all_records if record.kind != KIND)]
     if not cells:
         raise InputError("records", "contain no cell of the matrix", "run gaussian-enhancer stability")
     _write(page, source, records, cases)

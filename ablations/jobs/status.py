@@ -5,7 +5,7 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from ablations.suite.descriptions import asked_names, read_experiment
+from ablations.suite.descriptions import read_experiment, requested_names
 from ablations.suite.method_runs import with_backbones
 from ablations.suite.plan import plan_runs
 from gaussian_enhancer.errors import refuse_unknown
@@ -24,12 +24,12 @@ def run(cfg: DictConfig) -> None:
     """
     require(cfg)
     refuse_unknown("states", cfg.states, NAMES)
-    found = list(_begun(Path(cfg.runs)) if cfg.table is None else _needed(cfg))
-    for job, name, state in found:
+    states = list(_begun(Path(cfg.runs)) if cfg.table is None else _needed(cfg))
+    for job, name, state in states:
         if cfg.states is None or state.name in cfg.states:
             print(f"{state.name:<12} {job:<6} {name}" + (f": {state.detail}" if state.detail else ""))
-    counts = {name: sum(state.name == name for *_, state in found) for name in NAMES}
-    print(f"{len(found)} runs: " + ", ".join(f"{count} {name}" for name, count in counts.items()))
+    counts = {name: sum(state.name == name for *_, state in states) for name in NAMES}
+    print(f"{len(states)} runs: " + ", ".join(f"{count} {name}" for name, count in counts.items()))
 
 
 def _begun(runs: Path) -> Iterator[tuple[str, str, State]]:
@@ -41,5 +41,5 @@ def _begun(runs: Path) -> Iterator[tuple[str, str, State]]:
 def _needed(cfg: DictConfig) -> Iterator[tuple[str, str, State]]:
     """Every run that tables need."""
     cfg = with_backbones(cfg)
-    for step in plan_runs(cfg, [read_experiment(name, cfg.scale) for name in asked_names(cfg.table)]):
+    for step in plan_runs(cfg, [read_experiment(name, cfg.scale) for name in requested_names(cfg.table)]):
         yield step.work.job, step.name, step.state

@@ -49,12 +49,13 @@ def studies(cfg: DictConfig, device: torch.device) -> list[Study[str]]:
     """
     if cfg.kind not in (*KINDS, "all"):
         raise InputError("kind", f"is {cfg.kind!r}", f"choose {', '.join(KINDS)} or all")
-    asked = TradeoffLimits(decibels(cfg.tradeoff.within), milliseconds(cfg.tradeoff.budget_ms))
+    limits = TradeoffLimits(decibels(cfg.tradeoff.within), milliseconds(cfg.tradeoff.budget_ms))
     compared = read_studies(cfg)
     measure = partial(measured, cfg, compared, device)
     kinds = () if cfg.records_only else KINDS if cfg.kind == "all" else (cfg.kind,)
-    made = [Study((kind,), measure, records=output_path(cfg) / f"{kind}.jsonl", replaces_file=True) for kind in kinds]
-    return [*made, Study((), measure, report=lambda: reported(cfg, compared, asked))]
+    folder = output_path(cfg)
+    measured_studies = [Study((kind,), measure, records=folder / f"{kind}.jsonl", replaces_file=True) for kind in kinds]
+    return [*measured_studies, Study((), measure, report=lambda: reported(cfg, compared, limits))]
 
 
 run = job(studies)
@@ -73,23 +74,23 @@ def measured(cfg: DictConfig, compared: Sequence[TradeoffStudy], device: torch.d
     if kind == "training":
         yield from training_records(Path(cfg.runs), cfg.training.pattern, cfg.training.least_steps)
     elif kind == "numerics":
-        limits = int(cfg.numerics.repeats), cfg.numerics.cases
-        yield from numeric_records(*limits, device, CONSOLE, float(cfg.numerics.seconds))
+        numerics = int(cfg.numerics.repeats), cfg.numerics.cases
+        yield from numeric_records(*numerics, device, CONSOLE, float(cfg.numerics.seconds))
     else:
         distances = requested_distances(cfg.lpips, cfg.backbones, device)
         with TemporaryDirectory() as folder:
-            ready = SettingLoader(cfg, device, Path(folder))
+            loader = SettingLoader(cfg, device, Path(folder))
             for study in compared:
-                yield from study_records(cfg, study, ready, distances, CONSOLE)
+                yield from study_records(cfg, study, loader, distances, CONSOLE)
 
 
-def reported(cfg: DictConfig, compared: Sequence[TradeoffStudy], asked: TradeoffLimits) -> None:
+def reported(cfg: DictConfig, compared: Sequence[TradeoffStudy], limits: TradeoffLimits) -> None:
     """Write diagrams, the page, and, on request, the presets.
 
     Args:
         cfg: conf/tradeoff.yaml, composed.
         compared: studies of the kind quality.
-        asked: limits of time and error that the page chooses settings for.
+        limits: limits of time and error that the page chooses settings for.
 
     Raises:
         InputError: a file cannot be read or written.
@@ -97,7 +98,7 @@ def reported(cfg: DictConfig, compared: Sequence[TradeoffStudy], asked: Tradeoff
     folder = output_path(cfg)
     records = {kind: read_records(file) for kind in KINDS if (file := folder / f"{kind}.jsonl").is_file()}
     titles = {study.name: study.title for study in compared}
-    paths = list(write_pages(Path(cfg.markdown), folder, records, titles, asked))
+    paths = list(write_pages(Path(cfg.markdown), folder, records, titles, limits))
     if cfg.settings:
         paths.append(Path(cfg.settings))
         write_presets(paths[-1], offered(compared, records.get("quality", ())))
@@ -129,22 +130,22 @@ def offered(studies: Sequence[TradeoffStudy], records: Iterable[Record]) -> tupl
     return tuple(offer for offer in presets if offer.name in kept)
 
 
-def decibels(asked: str | float | int) -> float:
+def decibels(value: str | float | int) -> float:
     """Parse decibels, given as a number or with the unit.
 
     Raises:
         InputError: it is neither, or negative.
     """
-    return _number("tradeoff.within", asked, "dB", "0.1dB")
+    return _number("tradeoff.within", value, "dB", "0.1dB")
 
 
-def milliseconds(asked: str | float | int) -> float:
+def milliseconds(value: str | float | int) -> float:
     """Parse milliseconds, given as a number or with the unit.
 
     Raises:
         InputError: it is neither, or negative.
     """
-    return _number("tradeoff.budget_ms", asked, "ms", "33")
+    return _number("tradeoff.budget_ms", value, "ms", "33")
 
 
 def _number(name: str, asked: str | float | int, unit: str, example: str) -> float:

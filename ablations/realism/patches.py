@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float, Int64, UInt8
+from jaxtyping import Bool, Float, Int64, UInt8
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
@@ -63,8 +63,8 @@ class Patches:
     def __len__(self) -> int:
         return self.view.shape[0]
 
-    def __getitem__(self, index: Int64[Tensor, " m"]) -> "Patches":
-        """The places that an index names."""
+    def __getitem__(self, index: Int64[Tensor, " m"] | Bool[Tensor, " n"]) -> "Patches":
+        """The places that indices or a mask select."""
         return Patches(self.simulated[index], self.real[index], self.photo[index], self.view[index], self.views)
 
     @property
@@ -85,14 +85,14 @@ def eight_bit(image: Float[Tensor, "*batch h w"]) -> UInt8[Tensor, "*batch h w"]
 
 
 def patch_places(
-    photo: UInt8[Tensor, "3 h w"], size: int, most: int, generator: torch.Generator, flat: float = 2.0
+    photo: UInt8[Tensor, "3 h w"], size: int, count: int, generator: torch.Generator, flat: float = 2.0
 ) -> list[tuple[int, int]]:
     """Upper left corners of patches that do not overlap, on a grid of random phase, in random order.
 
     Args:
         photo: the photo.
         size: side of a patch in pixels.
-        most: number of places at most.
+        count: number of places at most.
         generator: source of randomness.
         flat: standard deviation of the photo, in steps of 1/255, up to which a place counts as plain background and
             is left out.
@@ -105,33 +105,33 @@ def patch_places(
     order = torch.randperm(len(grid), generator=generator).tolist()
     shuffled = [grid[i] for i in order]
     textured = [(y, x) for y, x in shuffled if _spread(photo[:, y : y + size, x : x + size]) > flat]
-    return textured[:most]
+    return textured[:count]
 
 
-def cut_patches(pairs: Iterable[RenderPair], size: int = 64, most: int = 8, seed: int = 0) -> Patches:
+def cut_patches(pairs: Iterable[RenderPair], size: int = 64, per_pair: int = 8, seed: int = 0) -> Patches:
     """Cut patches from pairs of renders; with one seed, the places are the same whatever the renders look like.
 
     Args:
         pairs: simulated and real renders.
         size: side of a patch in pixels.
-        most: number of places in a pair at most.
+        per_pair: number of places in a pair at most.
         seed: of the places.
 
     Raises:
         InputError: no pair has a place that is not plain background.
     """
-    kept: dict[str, list[Tensor]] = {"simulated": [], "real": [], "photo": []}
+    patches_by_kind: dict[str, list[Tensor]] = {"simulated": [], "real": [], "photo": []}
     view = []
     views: dict[tuple[str, str], int] = {}
     for number, pair in enumerate(pairs):
         generator = torch.Generator().manual_seed(seed * 1_000_003 + number)
-        for y, x in patch_places(pair.photo, size, most, generator):
-            for kind, patches in kept.items():
+        for y, x in patch_places(pair.photo, size, per_pair, generator):
+            for kind, patches in patches_by_kind.items():
                 patches.append(getattr(pair, kind)[:, y : y + size, x : x + size])
             view.append(views.setdefault((pair.scene, pair.view), len(views)))
     if not view:
         raise InputError("pairs", "have no patch that shows anything", "give renders of textured views")
-    stacked = {kind: torch.stack(patches) for kind, patches in kept.items()}
+    stacked = {kind: torch.stack(patches) for kind, patches in patches_by_kind.items()}
     return Patches(**stacked, view=torch.tensor(view), views=tuple(views))
 
 

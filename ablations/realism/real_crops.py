@@ -68,16 +68,16 @@ def crops(pairs: Sequence[tuple[Float[Tensor, "3 _ _"], Float[Tensor, "3 _ _"]]]
         pairs: renders and photos of the same views.
         size: of a crop.
     """
-    found = []
+    all_crops = []
     for view, (render, photo) in enumerate(pairs):
         for place in places(render.shape[-2], render.shape[-1], size):
-            made, truth = cut(render, place, size), cut(photo, place, size)
-            contrast = float(made.std() / truth.std().clamp_min(1e-6))
-            found.append(Crop(view, place, error_energies(made, truth), contrast))
-    return found
+            render_crop, photo_crop = cut(render, place, size), cut(photo, place, size)
+            contrast = float(render_crop.std() / photo_crop.std().clamp_min(1e-6))
+            all_crops.append(Crop(view, place, error_energies(render_crop, photo_crop), contrast))
+    return all_crops
 
 
-def worst(found: Sequence[Crop], kind: str) -> Crop:
+def worst(candidates: Sequence[Crop], kind: str) -> Crop:
     """The crop that shows a kind of error best: e^2 / sum of the crop's energies, with e the kind's own.
 
     The crop shall show an artefact that the render adds. An object that the render lacks altogether, such as a pole
@@ -86,14 +86,14 @@ def worst(found: Sequence[Crop], kind: str) -> Crop:
     exempt.
 
     Args:
-        found: crops, at least one.
+        candidates: crops, at least one.
         kind: one of `ENERGIES`.
     """
     index = ENERGIES.index(kind)
-    among = [crop for crop in found if kind == "blur" or crop.contrast >= ADDED] or found
-    return max(among, key=lambda crop: float(crop.energies[index] ** 2 / crop.energies.sum().clamp_min(1e-12)))
+    eligible = [crop for crop in candidates if kind == "blur" or crop.contrast >= ADDED] or candidates
+    return max(eligible, key=lambda crop: float(crop.energies[index] ** 2 / crop.energies.sum().clamp_min(1e-12)))
 
 
-def energies_of(found: Sequence[Crop]) -> Float[Tensor, "n 6"]:
+def energies_of(members: Sequence[Crop]) -> Float[Tensor, "n 6"]:
     """The energies of crops, one a row."""
-    return torch.stack([crop.energies for crop in found])
+    return torch.stack([crop.energies for crop in members])

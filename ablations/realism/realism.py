@@ -41,12 +41,12 @@ Row = Callable[[RenderedSet], Simulator]
 """How a simulator is made for the renders of one splat: the adaptive gate looks at the splat's own training views."""
 
 
-def real_renders(runs: Sequence[Path], most: int | None = None, seed: int = 0) -> list[RealRender]:
+def real_renders(runs: Sequence[Path], count: int | None = None, seed: int = 0) -> list[RealRender]:
     """Held-out renders of runs, all snapshots.
 
     Args:
         runs: folders of finished runs.
-        most: number of renders at most, as many of each run as of the others; all where None.
+        count: number of renders at most, as many of each run as of the others; all where None.
         seed: of the choice.
 
     Raises:
@@ -56,14 +56,14 @@ def real_renders(runs: Sequence[Path], most: int | None = None, seed: int = 0) -
     for number, run in enumerate(runs):
         refuse_without_views(run)
         sets = [read_run(run, step) for step in run_steps(run)]
-        found = [RealRender(scene_of(run), splat, target) for splat in sets for target in splat.targets]
-        for one in found:
-            if one.target.read_photo is None:
-                raise InputError(run, f"has no photo of {one.target.name}", "render the run again with its photos")
+        run_renders = [RealRender(scene_of(run), splat, target) for splat in sets for target in splat.targets]
+        for render in run_renders:
+            if render.target.read_photo is None:
+                raise InputError(run, f"has no photo of {render.target.name}", "render the run again with its photos")
         generator = torch.Generator().manual_seed(seed * 1_000_003 + number)
-        order = torch.randperm(len(found), generator=generator).tolist()
-        share = len(found) if most is None else max(1, most // len(runs))
-        chosen += [found[i] for i in sorted(order[:share])]
+        order = torch.randperm(len(run_renders), generator=generator).tolist()
+        share = len(run_renders) if count is None else max(1, count // len(runs))
+        chosen += [run_renders[i] for i in sorted(order[:share])]
     return chosen
 
 
@@ -108,15 +108,15 @@ def distances(pairs: Sequence[RenderPair]) -> dict[str, float]:
         pairs: simulated and real renders.
     """
     photos, simulated, real = ([_scaled(getattr(p, name)) for p in pairs] for name in ("photo", "simulated", "real"))
-    changed = [image - photo for image, photo in zip(simulated, photos, strict=True)]
-    rendered = [image - photo for image, photo in zip(real, photos, strict=True)]
+    simulated_residuals = [image - photo for image, photo in zip(simulated, photos, strict=True)]
+    real_residuals = [image - photo for image, photo in zip(real, photos, strict=True)]
     return {
         "spectrum_image_db": spectrum_distance(simulated, real),
-        "spectrum_residual_db": spectrum_distance(changed, rendered),
+        "spectrum_residual_db": spectrum_distance(simulated_residuals, real_residuals),
         "anisotropy_image": anisotropy_distance(simulated, real),
-        "anisotropy_residual": anisotropy_distance(changed, rendered),
-        "psnr_simulated_db": _mean_psnr(changed),
-        "psnr_real_db": _mean_psnr(rendered),
+        "anisotropy_residual": anisotropy_distance(simulated_residuals, real_residuals),
+        "psnr_simulated_db": _mean_psnr(simulated_residuals),
+        "psnr_real_db": _mean_psnr(real_residuals),
     }
 
 

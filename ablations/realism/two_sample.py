@@ -4,7 +4,7 @@ A small network is trained on patches of some scenes and tested on others. An ac
 difference; the higher the accuracy, the easier simulated renders are to recognise. After Lopez-Paz and Oquab,
 Revisiting classifier two-sample tests, ICLR 2017; here the interval comes from resampling views, since patches of one
 view are not independent.
-Axes: n places, k some of them, m patches (simulated and real ones of every place), c channels, s side of a patch.
+Axes: n places, m patches (simulated and real ones of every place), c channels, s side of a patch.
 """
 
 import copy
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 import torch.nn.functional as F
-from jaxtyping import Bool, Float, Int64
+from jaxtyping import Float, Int64
 from numpy import ndarray
 from scipy import stats
 from torch import Tensor, nn
@@ -108,9 +108,9 @@ def two_sample_test(
     Raises:
         InputError: a scene is in both sets, or the training patches show a single view.
     """
-    both = set(train.scenes) & set(test.scenes)
-    if both:
-        raise InputError(sorted(both)[0], "is a training scene and a test scene", "keep the scenes apart")
+    shared_scenes = set(train.scenes) & set(test.scenes)
+    if shared_scenes:
+        raise InputError(sorted(shared_scenes)[0], "is a training scene and a test scene", "keep the scenes apart")
     correct, areas = [], []
     for seed in range(first_seed, first_seed + seeds):
         generator = torch.Generator().manual_seed(seed)
@@ -120,7 +120,7 @@ def two_sample_test(
         simulated, real = (_evidence(network, test, kind, conditional) for kind in ("simulated", "real"))
         correct.append(((simulated > 0).float() + (real <= 0).float()) / 2)
         areas.append(area_under_curve(simulated, real))
-    by_seed = [one.mean().item() for one in correct]
+    by_seed = [seed_correct.mean().item() for seed_correct in correct]
     mean = torch.stack(correct).mean(dim=0)
     low, high = view_interval(mean, test.view, torch.Generator().manual_seed(first_seed))
     deviation = statistics.stdev(by_seed) if seeds > 1 else None
@@ -154,11 +154,11 @@ def view_interval(
     if len(count) < 2 or bool((total / count == total[0] / count[0]).all()):
         return mean, mean
 
-    def accuracy(told: ndarray, places: ndarray, axis: int = -1) -> ndarray | np.floating:
-        return told.sum(axis=axis) / places.sum(axis=axis)
+    def accuracy(correct_counts: ndarray, place_counts: ndarray, axis: int = -1) -> ndarray | np.floating:
+        return correct_counts.sum(axis=axis) / place_counts.sum(axis=axis)
 
     seed = int(torch.randint(2**31, (), generator=generator))
-    found = stats.bootstrap(
+    result = stats.bootstrap(
         (total.numpy(), count.numpy()),
         accuracy,
         paired=True,
@@ -168,7 +168,7 @@ def view_interval(
         method="BCa",
         rng=np.random.default_rng(seed),
     )
-    return float(found.confidence_interval.low), float(found.confidence_interval.high)
+    return float(result.confidence_interval.low), float(result.confidence_interval.high)
 
 
 def area_under_curve(positive: Float[Tensor, " n"], negative: Float[Tensor, " n"]) -> float:
@@ -176,8 +176,8 @@ def area_under_curve(positive: Float[Tensor, " n"], negative: Float[Tensor, " n"
 
     It is the statistic of the Mann-Whitney test divided by the number of pairs.
     """
-    found = stats.mannwhitneyu(positive.double().numpy(), negative.double().numpy(), method="asymptotic")
-    return float(found.statistic) / (len(positive) * len(negative))
+    test = stats.mannwhitneyu(positive.double().numpy(), negative.double().numpy(), method="asymptotic")
+    return float(test.statistic) / (len(positive) * len(negative))
 
 
 def _split(train: Patches, generator: torch.Generator) -> tuple[Patches, Patches]:
@@ -188,11 +188,7 @@ def _split(train: Patches, generator: torch.Generator) -> tuple[Patches, Patches
         raise InputError("training patches", "show a single view", "give renders of more views")
     shuffled = groups[torch.randperm(len(groups), generator=generator)]
     held_out = torch.isin(group, shuffled[: max(1, round(len(groups) / 5))])
-    return train[_where(~held_out)], train[_where(held_out)]
-
-
-def _where(mask: Bool[Tensor, " n"]) -> Int64[Tensor, " k"]:
-    return mask.nonzero()[:, 0]
+    return train[~held_out], train[held_out]
 
 
 def _trained(
@@ -220,10 +216,10 @@ def _trained(
             loss.backward()
             optimiser.step()
         evidence = torch.cat([_evidence(network, held_out, kind, conditional) for kind in ("simulated", "real")])
-        judged = _loss(evidence).item()
+        held_out_loss = _loss(evidence).item()
         since += 1
-        if judged < best_loss:
-            best, best_loss, since = copy.deepcopy(network.state_dict()), judged, 0
+        if held_out_loss < best_loss:
+            best, best_loss, since = copy.deepcopy(network.state_dict()), held_out_loss, 0
         if since >= patience:
             break
     network.load_state_dict(best)

@@ -58,10 +58,10 @@ def _system_sentences(table: TableDescription, records: Sequence[Record]) -> lis
     return lines + ([f"Not made at this scale: {'; '.join(missing_rows)}"] if missing_rows else [])
 
 
-def stand_in(what: str, dataset: str) -> str:
+def stand_in(substitute: str, dataset: str) -> str:
     """A sentence that names a stand-in: "Stand-in: procedural scenes stand in for Mip-NeRF 360"."""
-    verb = "stands" if what.lower().startswith(("a ", "an ", "one ", "the ")) else "stand"
-    return f"Stand-in: {what} {verb} in for {dataset}"
+    verb = "stands" if substitute.lower().startswith(("a ", "an ", "one ", "the ")) else "stand"
+    return f"Stand-in: {substitute} {verb} in for {dataset}"
 
 
 def reading(table: TableDescription, units: Sequence[str], alone: bool = False) -> str:

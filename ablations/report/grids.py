@@ -91,14 +91,14 @@ def _line(
     images: Mapping[tuple[str, str], Path],
     height: int,
     share: float,
-    given: Box | None,
+    requested_box: Box | None,
 ) -> list[Picture]:
     """A scene's tiles: the whole view with a frame, then the crop of every column."""
     pictures = {method: _read(images[scene, method]) for method in columns if (scene, method) in images}
     photo, baseline_image = pictures.get(PHOTO), pictures.get(baseline)
     middle = ((1 - share) / 2, (1 - share) / 2, (1 + share) / 2, (1 + share) / 2)
     default_box = crop_box(baseline_image, photo, share) if photo is not None and baseline_image is not None else middle
-    box = default_box if given is None else given
+    box = default_box if requested_box is None else requested_box
     overview = photo if photo is not None else next(iter(pictures.values()), None)
     width = height if overview is None else max(1, round(height * overview.width / overview.height))
     tiles = [_missing((width, height)) if overview is None else _framed(overview, box, (width, height))]

@@ -245,7 +245,7 @@ def performance_page(sources: Sources, files: Mapping[str, Path], drawing: Path,
     parts += ["\n## Sources\n\n"]
     for name in sources.FILES:
         source_records = getattr(sources, name)
-        parts.append(source_list(source_records, link(files[name]), between="; or ") if source_records else "")
+        parts.append(source_list(source_records, link(files[name]), separator="; or ") if source_records else "")
     return "".join(parts)
 
 
@@ -287,14 +287,14 @@ def _networks(sources: Sources) -> str:
     return text + ("\nMissing:\n\n" + "".join(missing) if missing else "")
 
 
-def _network_line(one: Record, rates: Mapping[str, float]) -> tuple[str, ...]:
-    values = {name: value for name, value in one.metrics.items() if value is not None}
-    rate = rates["convolution, float32" if one.splat == "float32" else "convolution, bfloat16"]
+def _network_line(record: Record, rates: Mapping[str, float]) -> tuple[str, ...]:
+    values = {name: value for name, value in record.metrics.items() if value is not None}
+    rate = rates["convolution, float32" if record.splat == "float32" else "convolution, bfloat16"]
     return (
-        f"`{one.variant}`" if one.scene == GROUPS[0] else one.variant,
-        one.scene,
-        "whole" if one.kind == ENHANCEMENT else "network",
-        one.splat,
+        f"`{record.variant}`" if record.scene == GROUPS[0] else record.variant,
+        record.scene,
+        "whole" if record.kind == ENHANCEMENT else "network",
+        record.splat,
         f"{values['scale']:.0f}x",
         f"{values['parameters']:,.0f}",
         f"{values['giga_multiply_adds_per_megapixel']:,.1f}",
@@ -405,8 +405,8 @@ def _tried(sources: Sources) -> str:
     return about.format(*records[0].size) + markdown(frame(headings, _tried_lines(records)))
 
 
-def _tried_lines(found: Sequence[Record]) -> Iterator[Sequence[str]]:
-    for record in found:
+def _tried_lines(records: Sequence[Record]) -> Iterator[Sequence[str]]:
+    for record in records:
         values = {name: value for name, value in record.metrics.items() if value is not None}
         before, after = (f"{number(values[name])} ms" for name in ("before", "after"))
         yield record.variant, record.view, before, after, _with_interval(values, "times"), record.splat

@@ -50,33 +50,34 @@ class PlanCost:
 
     Args:
         scene: the scene's name.
-        own: the plan's record of the scene.
-        base: the baseline's record of the scene.
+        plan_record: the plan's record of the scene.
+        baseline_record: the baseline's record of the scene.
         lost: mean loss over views by metric, positive if the plan is worse.
         worst: largest loss of a view in PSNR, dB.
     """
 
     scene: str
-    own: Record
-    base: Record
+    plan_record: Record
+    baseline_record: Record
     lost: dict[str, float]
     worst: float
 
     @property
     def ratio(self) -> float | None:
         """Speed-up over the baseline, measured in turn with it; None if it was not measured."""
-        return self.own.metrics.get(RATIOS[0])
+        return self.plan_record.metrics.get(RATIOS[0])
 
     @property
     def ratio_interval(self) -> tuple[float, float]:
         """The interval of the speed-up; [0, infinity] if it was not measured."""
-        low, high = (self.own.metrics.get(name) for name in RATIOS[1:])
+        low, high = (self.plan_record.metrics.get(name) for name in RATIOS[1:])
         return (0.0 if low is None else low), (math.inf if high is None else high)
 
     def verdicts(self, aims: PlanAims) -> tuple[bool | None, bool]:
         """Whether the aims of time and of error are met; None for time if the interval contains the required ratio."""
-        least, (low, high) = aims.faster if self.own.metrics.get("background") else aims.slower, self.ratio_interval
-        fast = True if low >= least else False if high < least else None
+        required = aims.faster if self.plan_record.metrics.get("background") else aims.slower
+        low, high = self.ratio_interval
+        fast = True if low >= required else False if high < required else None
         return fast, self.lost["psnr"] <= aims.allowed
 
 
@@ -131,18 +132,8 @@ class PlanScenes:
                 for metric, sample in gains.items()
                 if sample.values
             }
-            worst_loss = (
-                next(
-                    (
-                        frame_loss.loss
-                        for frame_loss in ranked_losses(self.results, plan, "psnr")
-                        if frame_loss.pair in pairs
-                    ),
-                    math.nan,
-                )
-                + 0.0
-            )
-            yield PlanCost(scene, plan_record, baseline_record, mean_losses, worst_loss)
+            losses = (frame.loss for frame in ranked_losses(self.results, plan, "psnr") if frame.pair in pairs)
+            yield PlanCost(scene, plan_record, baseline_record, mean_losses, next(losses, math.nan) + 0.0)
 
 
 def plan_study_page(
@@ -190,10 +181,10 @@ def cost_table(costs: Sequence[PlanCost], aims: PlanAims) -> pd.DataFrame:
 
 def _cost_line(cost: PlanCost, aims: PlanAims) -> tuple[str, ...]:
     time_aim_met, error_aim_met = cost.verdicts(aims)
-    baseline_metrics, plan_metrics = cost.base.metrics, cost.own.metrics
+    baseline_metrics, plan_metrics = cost.baseline_record.metrics, cost.plan_record.metrics
     return (
         cost.scene,
-        f"{cost.own.size[0]}x{cost.own.size[1]}",
+        f"{cost.plan_record.size[0]}x{cost.plan_record.size[1]}",
         f"{baseline_metrics['milliseconds']:.0f} → {plan_metrics['milliseconds']:.0f}",
         "" if cost.ratio is None else "{:.2f} ({:.2f} to {:.2f})".format(cost.ratio, *cost.ratio_interval),
         f"{baseline_metrics['peak_memory_mb']:.0f} → {plan_metrics['peak_memory_mb']:.0f}",
@@ -231,7 +222,7 @@ def _parts(scenes: PlanScenes) -> Iterator[str]:
 
 def _left_out(cost: PlanCost) -> str:
     """The pixels, candidate references and parts that were left out of a scene, with reasons."""
-    metrics = cost.own.metrics
+    metrics = cost.plan_record.metrics
     taken_count, left_out_count, unseeing_count = (
         int(metrics.get(f"candidates_{name}") or 0) for name in ("taken", "left_out", "unseeing")
     )
@@ -239,7 +230,7 @@ def _left_out(cost: PlanCost) -> str:
     if taken_count + left_out_count:
         explanation = f"{unseeing_count} see too little, the others less than those taken"
         items.append(f"{left_out_count} of {taken_count + left_out_count} candidates ({explanation})")
-    for name, reason in cost.own.reasons.items():
+    for name, reason in cost.plan_record.reasons.items():
         if name.startswith("part ") and metrics.get(name) == 0:
             items.append(f"{name.removeprefix('part ')} ({reason})")
     return f"- {cost.scene}: {', '.join(items)}\n"

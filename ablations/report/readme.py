@@ -66,11 +66,11 @@ def insert_between_marks(page: str, new_text: str, begin: str = BEGIN, name: str
     return f"{before}{begin}\n{new_text}{END}{after}"
 
 
-def _worst(found: pd.DataFrame) -> str:
+def _worst(enhanced_views: pd.DataFrame) -> str:
     """A sentence on the number of frames that lose, and the loss or gain of the worst one."""
     lines = []
     for metric, name in (("psnr_aligned", "colour-aligned PSNR"), ("psnr", "plain PSNR")):
-        gains = found[f"gain {metric}"]
+        gains = enhanced_views[f"gain {metric}"]
         worse = (gains < 0).sum()
         if worse:
             lines.append(f"in {name}, {worse} of {len(gains)} frames lose, at most {-gains.min():.2f} dB")

@@ -13,7 +13,7 @@ from gaussian_enhancer.metrics.records import Record
 
 
 def write_pages(
-    page: Path, folder: Path, records: Mapping[str, Sequence[Record]], titles: Mapping[str, str], asked: TradeoffLimits
+    page: Path, folder: Path, records: Mapping[str, Sequence[Record]], titles: Mapping[str, str], limits: TradeoffLimits
 ) -> Iterator[Path]:
     """Write the page and its diagrams; yields each path after writing it.
 
@@ -22,7 +22,7 @@ def write_pages(
         folder: of diagrams and records.
         records: by kind: "quality", "training", "numerics"; the page states which of these are missing.
         titles: of the studies of the kind quality.
-        asked: limits by which the page chooses settings.
+        limits: limits by which the page chooses settings.
 
     Raises:
         InputError: a file cannot be written.
@@ -33,14 +33,16 @@ def write_pages(
         if kind not in records:
             parts.append(f"## {KINDS[kind]}\n\nNot measured yet: `gaussian-enhancer tradeoff kind={kind}`.\n")
             continue
-        section_parts = quality_parts(records[kind], titles, asked) if make_parts is None else make_parts(records[kind])
+        section_parts = (
+            quality_parts(records[kind], titles, limits) if make_parts is None else make_parts(records[kind])
+        )
         parts.append(f"## {KINDS[kind]}\n")
         for text, name, diagram in section_parts:
             parts.append(text)
             if diagram:
                 diagrams[f"{name}.svg"] = diagram
                 parts.append(f"![{KINDS[kind]}: {name}]({link}/{name}.svg)\n")
-        parts.append(sources(records[kind], f"{link}/{kind}.jsonl", between="; or "))
+        parts.append(sources(records[kind], f"{link}/{kind}.jsonl", separator="; or "))
     for name, diagram in diagrams.items():
         yield _write_file(folder / name, diagram)
     yield _write_file(page, "\n".join(parts))

@@ -146,15 +146,16 @@ def setting_table(settings: Sequence[SettingSummary]) -> pd.DataFrame:
         settings: settings, each over the same views.
     """
     front_names = {point.name for point in pareto_front(points_of(settings))}
-    distances = list(dict.fromkeys(name for one in settings for name in one.perceptual))
+    distances = list(dict.fromkeys(name for setting in settings for name in setting.perceptual))
     rows = []
-    for one in sorted(settings, key=lambda one: one.milliseconds):
-        name = f"**{one.name}**" if one.name in front_names else one.name
-        compiling = "" if one.compiling is None else f"{one.compiling:.0f}"
-        memory = "" if one.memory is None else f"{one.memory:.0f}"
-        errors = [format_value("psnr", one.psnr), format_value("ssim", one.dssim)]
-        errors += [format_value(key, one.perceptual.get(key)) for key in distances]
-        rows.append((name, f"{one.milliseconds:.0f}", f"{one.low:.0f} to {one.high:.0f}", memory, compiling, *errors))
+    for setting in sorted(settings, key=lambda setting: setting.milliseconds):
+        name = f"**{setting.name}**" if setting.name in front_names else setting.name
+        compile_seconds = "" if setting.compile_seconds is None else f"{setting.compile_seconds:.0f}"
+        memory = "" if setting.memory is None else f"{setting.memory:.0f}"
+        errors = [format_value("psnr", setting.psnr), format_value("ssim", setting.dssim)]
+        errors += [format_value(key, setting.perceptual.get(key)) for key in distances]
+        time, quartiles = f"{setting.milliseconds:.0f}", f"{setting.low:.0f} to {setting.high:.0f}"
+        rows.append((name, time, quartiles, memory, compile_seconds, *errors))
     heads = ("setting", "ms/MP", "quartiles", "peak MB", "compiling, s", "PSNR, dB", "1 - SSIM")
     return frame((*heads, *(ERRORS.get(name, name) for name in distances)), rows)
 

@@ -50,9 +50,9 @@ def _curves(means: pd.DataFrame, key: str) -> dict[str, tuple[Mark, ...]]:
     }
 
 
-def _table(found: pd.DataFrame) -> str:
+def _table(validations: pd.DataFrame) -> str:
     rows = []
-    for variant, variant_rows in found.groupby("variant", sort=False):
+    for variant, variant_rows in validations.groupby("variant", sort=False):
         last_step = variant_rows["step"].max()
         last_rows = variant_rows[variant_rows["step"] == last_step]
         gains, (seconds, samples) = last_rows["gain_psnr"], (last_rows[key].mean() for key in AXES)

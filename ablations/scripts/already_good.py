@@ -47,12 +47,12 @@ def measured(fit: Path, count: int, pretrained: Pretrained, device: torch.device
     rendered = replace(rendered, targets=targets)
     planner = Planner(Rules(references="auto"), pretrained.reference_config, rendered)
     enhancer = SetEnhancer(pretrained.network, pretrained.reference_config, device)
-    for view, one in zip(targets, enhancer(rendered, planner), strict=True):
-        if view.read_photo is None or one.plan is None:
+    for view, result in zip(targets, enhancer(rendered, planner), strict=True):
+        if view.read_photo is None or result.plan is None:
             continue
         target, photo = read_target(view), view.read_photo()
-        before, after = (blocks(((quantise_8_bit(i) - photo) ** 2).mean(0)) for i in (target.image, one.image))
-        references = [planner.pool.read(index, False) for index in planner.reference_indices(one.plan) or ()]
+        before, after = (blocks(((quantise_8_bit(i) - photo) ** 2).mean(0)) for i in (target.image, result.image))
+        references = [planner.pool.read(index, False) for index in planner.reference_indices(result.plan) or ()]
         orders = {"predicted": predicted(coarsen(target), references, before.shape), "bound": before - after}
         metrics: dict[str, float | None] = {}
         for name, order in orders.items():
@@ -68,10 +68,10 @@ def predicted(target: LoadedView, references: list[LoadedView], shape: torch.Siz
     for reference in references:
         if reference.render is None or reference.camera is None or target.camera is None or target.depth is None:
             raise InputError(reference.name, "has no render, camera or depth", "give runs of the job fit")
-        seen = match_exposure(reference.image, reference.render)
-        error = (seen - reference.render).abs().mean(0, keepdim=True).expand(3, -1, -1)
-        small = coarsen(replace(reference, image=error))
-        warped = reproject(target.camera, target.depth, small.camera, small.image, small.depth, target.alpha)  # type: ignore[arg-type]
+        matched = match_exposure(reference.image, reference.render)
+        error = (matched - reference.render).abs().mean(0, keepdim=True).expand(3, -1, -1)
+        coarse = coarsen(replace(reference, image=error))
+        warped = reproject(target.camera, target.depth, coarse.camera, coarse.image, coarse.depth, target.alpha)  # type: ignore[arg-type]
         errors, visible = (
             F.adaptive_avg_pool2d(x[:1], (shape[0], shape[1]))[0] for x in (warped.colour, warped.visibility)
         )

@@ -35,8 +35,8 @@ def drawn(view: View, name: str, strengths: Sequence[float], seed: int) -> list[
     copies = view[torch.zeros(len(strengths), dtype=torch.int64)]
     generators = [torch.Generator().manual_seed(seed) for _ in strengths]
     with torch.no_grad():
-        made = ARTEFACTS[name](copies, view.image.new_tensor(strengths), generators)
-    return list(made.image.clamp(0, 1))
+        degraded = ARTEFACTS[name](copies, view.image.new_tensor(strengths), generators)
+    return list(degraded.image.clamp(0, 1))
 
 
 def plainest(view: View, crop: Crop, name: str, side: int, draws: int) -> list[Tensor]:
@@ -51,18 +51,18 @@ def plainest(view: View, crop: Crop, name: str, side: int, draws: int) -> list[T
 
 
 def sheet_row(
-    reals: Sequence[RealRender], found: Sequence[Crop], name: str, side: int, draws: int
+    reals: Sequence[RealRender], real_crops: Sequence[Crop], name: str, side: int, draws: int
 ) -> tuple[list[Tensor], str]:
     """A row of the sheet, and what stands under it."""
     kind = KINDS.get(name)
-    crop = worst(found, kind or "anisotropy")
+    crop = worst(real_crops, kind or "anisotropy")
     real = reals[crop.view]
     assert real.target.read is not None
     view = photographed(real)
     photo = cut(view.image[0], crop.place, (side, side))
     render = cut(real.target.read(), crop.place, (side, side)) if kind else torch.full_like(photo, 0.98)
-    of_real = f"real: {kind}" if kind else "its error is not measured"
-    return [photo, render, *plainest(view, crop, name, side, draws)], f"{name} ({real.scene}); {of_real}"
+    label = f"real: {kind}" if kind else "its error is not measured"
+    return [photo, render, *plainest(view, crop, name, side, draws)], f"{name} ({real.scene}); {label}"
 
 
 def simulated_energies(reals: Sequence[RealRender], name: str, side: int, seeds: int) -> Float[Tensor, "n 6"]:
@@ -99,12 +99,12 @@ def sizes(name: str, real: Tensor, simulated: Tensor) -> dict[str, object]:
     return {"type": name, "energy": KINDS[name], **dict(zip(keys, values, strict=True))}
 
 
-def write_sheet(reals: Sequence[RealRender], found: Sequence[Crop], path: Path, side: int, draws: int) -> None:
+def write_sheet(reals: Sequence[RealRender], real_crops: Sequence[Crop], path: Path, side: int, draws: int) -> None:
     """Write the sheet.
 
     Args:
         reals: real renders.
-        found: their crops.
+        real_crops: their crops.
         path: PNG or JPEG.
         side: of a crop, pixels.
         draws: of each type, of which the one that changes the crop most is shown.
@@ -113,7 +113,7 @@ def write_sheet(reals: Sequence[RealRender], found: Sequence[Crop], path: Path, 
         InputError: the file cannot be written.
     """
     order = (*KINDS, *sorted({*TYPES} - {*KINDS}))
-    images, names = zip(*(sheet_row(reals, found, name, side, draws) for name in order), strict=True)
+    images, names = zip(*(sheet_row(reals, real_crops, name, side, draws) for name in order), strict=True)
     titles = ("photo", "real render", *(f"strength {strength:g}" for strength in STRENGTHS))
     with atomic_write(path) as temporary:
         kind = "PNG" if path.suffix == ".png" else "JPEG"
@@ -130,10 +130,11 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
     refuse_untrained(fits)
     reals = real_renders(fits, cfg.renders, 0)
     pairs = [(real.target.read(), photographed(real).image[0]) for real in reals if real.target.read is not None]
-    found = crops(pairs, (cfg.side, cfg.side))
+    real_crops = crops(pairs, (cfg.side, cfg.side))
     if cfg.picture:
-        write_sheet(reals, found, Path(cfg.picture), cfg.side, cfg.draws)
-    energies, source = energies_of(found), {"scenes": sorted({scene_of(fit) for fit in fits}), "crops": len(found)}
+        write_sheet(reals, real_crops, Path(cfg.picture), cfg.side, cfg.draws)
+    energies = energies_of(real_crops)
+    source = {"scenes": sorted({scene_of(fit) for fit in fits}), "crops": len(real_crops)}
 
     def measure(name: str) -> Iterator[dict[str, object]]:
         yield sizes(name, energies, simulated_energies(reals, name, cfg.side, cfg.seeds)) | source

@@ -69,13 +69,13 @@ def read_views(run: Path) -> list[Compared]:
     Raises:
         InputError: the folder holds no enhanced views with photos.
     """
-    sides = [side for side in sorted(run.glob("test/ours_*")) if (side / "enhanced").is_dir()]
-    if not sides:
+    folders = sorted(path.parent for path in run.glob("test/ours_*/enhanced") if path.is_dir())
+    if not folders:
         raise InputError(run, "holds no enhanced views", "give the folder of a job enhance without output=")
-    side = sides[-1]
-    step = int(side.name.removeprefix("ours_"))
-    names = [path.name for path in list_images(side / "enhanced")]
-    return [Compared(Path(name).stem, step, *(read_photo(side / part / name) for part in PARTS)) for name in names]
+    folder = folders[-1]
+    step = int(folder.name.removeprefix("ours_"))
+    names = [path.name for path in list_images(folder / "enhanced")]
+    return [Compared(Path(name).stem, step, *(read_photo(folder / part / name) for part in PARTS)) for name in names]
 
 
 def median_gain(views: list[Compared]) -> Compared:
@@ -129,8 +129,8 @@ def strip(view: Compared, box: tuple[int, int, int, int]) -> Image.Image:
     width, height = pictures[0].size
     sheet = Image.new("RGB", (3 * width + 2 * GAP, BAND + 2 * height + GAP), "white")
     draw = ImageDraw.Draw(sheet)
-    for place, (title, picture) in enumerate(zip(titles, pictures, strict=True)):
-        left = place * (width + GAP)
+    for column, (title, picture) in enumerate(zip(titles, pictures, strict=True)):
+        left = column * (width + GAP)
         draw.text((left + 2, 3), title, fill="black", font=ImageFont.load_default(14))
         sheet.paste(picture, (left, BAND))
         corners = (left + box[0] - 1, BAND + box[1] - 1, left + box[2], BAND + box[3])

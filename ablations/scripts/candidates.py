@@ -32,22 +32,22 @@ def loaded(candidates: Sequence[str]) -> dict[str, Pretrained]:
     Raises:
         InputError: two have the same name, or one enlarges its renders.
     """
-    made: dict[str, Pretrained] = {}
+    by_name: dict[str, Pretrained] = {}
     for weights in candidates:
-        found, name = load_weights(weights), name_of(weights)
-        if name in made:
+        pretrained, name = load_weights(weights), name_of(weights)
+        if name in by_name:
             raise InputError(weights, f"is the second row {name}", "label trainings differently")
-        if found.network.scale != 1:
-            raise InputError(weights, f"enlarges {found.network.scale} times", "give weights of the render's own size")
-        made[name] = found
-    return made
+        if (scale := pretrained.network.scale) != 1:
+            raise InputError(weights, f"enlarges {scale} times", "give weights of the render's own size")
+        by_name[name] = pretrained
+    return by_name
 
 
 def enhancers(candidates: Sequence[str], device: torch.device | None = None) -> dict[str, SetEnhancer]:
     """Each candidate as the job enhance would use it; see `loaded` for what is refused."""
     return {
-        name: EnhancementOptions().enhancer(found, found.reference_config, device)
-        for name, found in loaded(candidates).items()
+        name: EnhancementOptions().enhancer(pretrained, pretrained.reference_config, device)
+        for name, pretrained in loaded(candidates).items()
     }
 
 

@@ -91,7 +91,7 @@ def enhancers(methods: Sequence[str], device: torch.device | None = None) -> dic
     Raises:
         InputError: weights cannot be read, or a strength is no share.
     """
-    made = {}
+    by_label = {}
     for method in methods:
         chosen, _, extra = method.partition(":")
         if extra not in WITHOUT:
@@ -102,18 +102,18 @@ def enhancers(methods: Sequence[str], device: torch.device | None = None) -> dic
         pretrained = load_weights(name)
         options = replace(WITHOUT[extra], strength=share_of(method, strength) if strength else None)
         enhancer = options.enhancer(pretrained, pretrained.reference_config, device)
-        whole = enhancer.confidence is not None and enhancer.strength == 1
+        unlimited = enhancer.confidence is not None and enhancer.strength == 1
         left_out = extra.replace("_", " ")
-        label = " ".join(filter(None, (f"{Path(name).stem}{'' if whole else f'@{enhancer.strength:g}'}", left_out)))
-        made[label] = checkpoint_digest(find_checkpoint(name)), enhancer
-    return made
+        label = " ".join(filter(None, (f"{Path(name).stem}{'' if unlimited else f'@{enhancer.strength:g}'}", left_out)))
+        by_label[label] = checkpoint_digest(find_checkpoint(name)), enhancer
+    return by_label
 
 
 OTHERS = ("ibgs", "ibgs:without_exposure", "average", "two_fits")
 """Methods without weights of ours: a peer, and two controls."""
 
 
-def asked_methods(cfg: DictConfig, device: torch.device | None = None) -> dict[str, Method]:
+def requested_methods(cfg: DictConfig, device: torch.device | None = None) -> dict[str, Method]:
     """The methods of a configuration, by name.
 
     Args:
@@ -123,18 +123,19 @@ def asked_methods(cfg: DictConfig, device: torch.device | None = None) -> dict[s
     Raises:
         InputError: see `enhancers`; or a method's trainings or fits are missing.
     """
-    made: dict[str, Method] = {}
+    methods: dict[str, Method] = {}
     for method in cfg.methods:
         if method == "average":
-            made["average of render and references"] = average()
+            methods["average of render and references"] = average()
         elif method == "two_fits":
-            made["average of two fits"] = TwoFits.from_patterns(cfg.second)
+            methods["average of two fits"] = TwoFits.from_patterns(cfg.second)
         elif method in OTHERS:
             exposure = method == "ibgs"
-            made["ibgs" if exposure else "ibgs without exposure"] = IBGS.found(cfg.ibgs, exposure)
+            methods["ibgs" if exposure else "ibgs without exposure"] = IBGS.from_patterns(cfg.ibgs, exposure)
         else:
-            made |= {told: FixedMethod(*one) for told, one in enhancers([method], device).items()}
-    return made
+            for label, (digest, enhancer) in enhancers([method], device).items():
+                methods[label] = FixedMethod(digest, enhancer)
+    return methods
 
 
 def share_of(method: str, strength: str) -> float:
@@ -158,12 +159,12 @@ def steps_of(fit: Path, last: bool = False) -> tuple[int, ...]:
 
 
 def rows(
-    made: Mapping[str, Method], fit: Path, distances: Sequence[PerceptualDistance], last: bool = False
+    methods: Mapping[str, Method], fit: Path, distances: Sequence[PerceptualDistance], last: bool = False
 ) -> Iterator[dict[str, object]]:
     """One row a snapshot, view and method.
 
     Args:
-        made: what `asked_methods` returns.
+        methods: what `requested_methods` returns.
         fit: its folder.
         distances: LPIPS distances to measure as well.
         last: measure the last snapshot alone.
@@ -173,38 +174,38 @@ def rows(
     """
     scene = scene_of(fit)
     for step in steps_of(fit, last):
-        applied = {name: method.of(fit, step) for name, method in made.items()}
-        methods = {name: one.enhance for name, one in applied.items()}
-        for one in enhanced_views(read_run(fit, step), methods, distances):
-            raw = {"raw_psnr": one.raw.metrics["psnr"], "raw_psnr_aligned": one.raw.metrics["psnr_aligned"]}
-            for method, how in applied.items():
-                where = {"method": method, "weights": how.weights, "scene": scene, "step": step, "view": one.view.name}
-                gains = {f"gain_{name}": value for name, value in one.gains(method).items()}
-                yield {**where, **raw, **gains, **harm(one.render, one.results[method].image, one.photo)}
+        applied = {name: method.of(fit, step) for name, method in methods.items()}
+        enhance = {name: method.enhance for name, method in applied.items()}
+        for view in enhanced_views(read_run(fit, step), enhance, distances):
+            raw = {"raw_psnr": view.raw.metrics["psnr"], "raw_psnr_aligned": view.raw.metrics["psnr_aligned"]}
+            for name, method in applied.items():
+                keys = {"method": name, "weights": method.weights, "scene": scene, "step": step, "view": view.view.name}
+                gains = {f"gain_{metric}": value for metric, value in view.gains(name).items()}
+                yield {**keys, **raw, **gains, **harm(view.render, view.results[name].image, view.photo)}
 
 
-def extremes(made: Mapping[str, Method], fit: Path) -> Iterator[tuple[str, Image.Image, str]]:
+def extremes(methods: Mapping[str, Method], fit: Path) -> Iterator[tuple[str, Image.Image, str]]:
     """Name, picture and caption of a fit's worst and best view at its last step, by the first method.
 
     The worst view's crop is where enhancement adds the most error, the best view's where the raw render is worst.
 
     Args:
-        made: what `asked_methods` returns.
+        methods: what `requested_methods` returns.
         fit: its folder.
     """
-    method, first = next(iter(made.items()))
+    method, first_method = next(iter(methods.items()))
     scene, step = scene_of(fit), run_steps(fit)[-1]
     photos = (
         f"Photos: {CREDITS[scene]}." if scene in CREDITS else "The photos are exact images of the procedural scene."
     )
-    enhanced = enhanced_views(read_run(fit, step), {method: first.of(fit, step).enhance})
-    views = sorted(enhanced, key=lambda one: _gain(one, method))
-    for word, one, crop in (("worst", views[0], harmed_block), ("best", views[-1], worst_block)):
-        images = (quantise_8_bit(image) for image in (one.render, one.results[method].image, one.photo))
-        shown = Compared(Path(one.view.name).stem, step, *images)
+    enhanced = enhanced_views(read_run(fit, step), {method: first_method.of(fit, step).enhance})
+    views = sorted(enhanced, key=lambda view: _gain(view, method))
+    for word, view, crop in (("worst", views[0], harmed_block), ("best", views[-1], worst_block)):
+        images = (quantise_8_bit(image) for image in (view.render, view.results[method].image, view.photo))
+        shown = Compared(Path(view.view.name).stem, step, *images)
         text = (
             f"{scene} ({role_of(scene)}), {step:,} steps, view {shown.name}: the {word} of {len(views)}, "
-            f"{_gain(one, method):+.2f} dB colour-aligned by {method}. The crop is where "
+            f"{_gain(view, method):+.2f} dB colour-aligned by {method}. The crop is where "
             f"{'enhancement adds the most error' if word == 'worst' else 'the raw render is worst'}. {photos}"
         )
         yield f"{scene}_{word}", strip(shown, crop(shown)), text
@@ -242,10 +243,10 @@ def drawn(frame: pd.DataFrame, path: Path) -> None:
     figure = Figure(figsize=(7, 4), layout="constrained")
     axes = figure.subplots()
     marks = {"training": "o", "validation": "s", "test": "D", "procedural": "^"}
-    for (role, scene), one in table.groupby(["role", "scene"]):
-        one = one.sort_values("step")
-        axes.plot(one["raw"], one["gain"], marker=marks[role], label=f"{scene} ({role})")
-        for _, point in one.iterrows():
+    for (role, scene), curve in table.groupby(["role", "scene"]):
+        curve = curve.sort_values("step")
+        axes.plot(curve["raw"], curve["gain"], marker=marks[role], label=f"{scene} ({role})")
+        for _, point in curve.iterrows():
             axes.annotate(
                 f"{point['step']}", (point["raw"], point["gain"]), fontsize=7, xytext=(3, 3), textcoords="offset points"
             )
@@ -267,10 +268,10 @@ def fits(patterns: Sequence[str]) -> list[Path]:
     Raises:
         InputError: there are none, two are of one scene, or a scene has no role.
     """
-    found = finished_fits(patterns)
-    for scene in fits_by_scene(found):
+    finished = finished_fits(patterns)
+    for scene in fits_by_scene(finished):
         role_of(scene)
-    return found
+    return finished
 
 
 COLUMNS = ("view", "raw_psnr_aligned", "gain_psnr_aligned")
@@ -279,11 +280,11 @@ KEYS = ("method", "scene", "step")
 
 def shown_views(page: Path) -> dict[str, str]:
     """Captions of the pictures in the page's folder, by their address on the page."""
-    found = {}
+    captions = {}
     for path in sorted(page.with_suffix("").glob("*.jpg")):
         with Image.open(path) as image:
-            found[path.relative_to(page.parent).as_posix()] = str(image.getexif()[DESCRIPTION])
-    return found
+            captions[path.relative_to(page.parent).as_posix()] = str(image.getexif()[DESCRIPTION])
+    return captions
 
 
 def diagram(frame: pd.DataFrame, page: Path) -> list[str]:
@@ -297,8 +298,8 @@ def overall(frame: pd.DataFrame, layout: TableLayout) -> list[str]:
     """The section with a table of all views of each role, one line a method."""
     layout, parts = replace(layout, by={"method": "method"}), []
     for role, title in layout.sections.items():
-        own = frame[frame["role"] == role]
-        parts += [f"## {title}: all views", markdown(row_table(own, layout))] if len(own) else []
+        role_rows = frame[frame["role"] == role]
+        parts += [f"## {title}: all views", markdown(row_table(role_rows, layout))] if len(role_rows) else []
     return parts
 
 
@@ -318,7 +319,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
         InputError: weights or fits cannot be read, or a method's trainings or fits are missing.
     """
     chosen = fits(cfg.runs) if cfg.methods else []
-    methods = asked_methods(cfg, device)
+    methods = requested_methods(cfg, device)
     for fit, method in ((fit, method) for fit in chosen for method in methods.values()):
         for step in steps_of(fit, cfg.last):
             method.of(fit, step)  # missing inputs are refused before anything is measured

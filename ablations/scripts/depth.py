@@ -65,8 +65,8 @@ Depths = Mapping[str, Float[Tensor, "1 h w"]]
 
 
 @dataclass(frozen=True, eq=False)  # depths are not compared
-class Through:
-    """A warp through other depth than the stored one.
+class ReplacedDepthWarp:
+    """A warp through given depth maps instead of the stored ones.
 
     Args:
         depths: of targets and references.
@@ -77,7 +77,7 @@ class Through:
     warp: Reprojected
 
     def __call__(self, target: LoadedView, references: Sequence[LoadedView], keep: int) -> AlignedReferences:
-        """Warp as ever, with the depths replaced."""
+        """Replace the depths, then warp."""
         views = [replace(view, depth=self.depths[view.name]) for view in (target, *references)]
         return self.warp(views[0], views[1:], keep)
 
@@ -91,14 +91,14 @@ def depths_of(run: Path, rendered: RenderedSet) -> dict[str, Depths]:
     views = [*rendered.targets, *rendered.references]
     with torch.no_grad():
         drawn = {view.name: render(gaussians, camera_of(view), method) for view in views}
-    found: dict[str, Depths] = {
+    depths: dict[str, Depths] = {
         "expected": {name: view.depth for name, view in drawn.items()},
         "surface": {name: view.surface for name, view in drawn.items()},
     }
     world = world_of(run)
     if world is not None:
-        found["exact"] = exact_depths(world, views)
-    return found
+        depths["exact"] = exact_depths(world, views)
+    return depths
 
 
 def exact_depths(world: tuple[str, int], views: Sequence[RenderedView]) -> Depths:
@@ -144,25 +144,26 @@ def at_one_size(enhancer: SetEnhancer) -> None:
 
 def with_references(enhancer: SetEnhancer, config: ReferenceConfig) -> SetEnhancer:
     """The same enhancer with another reference configuration."""
-    other = copy.copy(enhancer)
-    other.reference_config = config
-    return other
+    changed = copy.copy(enhancer)
+    changed.reference_config = config
+    return changed
 
 
-def preparations(base: ReferenceConfig, depths: Mapping[str, Depths]) -> dict[str, ReferenceConfig]:
+def preparations(config: ReferenceConfig, depths: Mapping[str, Depths]) -> dict[str, ReferenceConfig]:
     """The reference configuration for each kind of known depth.
 
     Raises:
         InputError: it does not warp by depth.
     """
-    warp = base.warp
+    warp = config.warp
     if not isinstance(warp, Reprojected):
         raise InputError("weights", "do not reproject their references", "give weights with alignment=reprojected")
-    known_depths = [row for row in SEARCHED if row[1] in depths]
-    return {
-        name: replace(base, warp=Through(depths[kind], replace(warp, depth=how, smooth=smooth, consistent=consistent)))
-        for name, kind, how, smooth, consistent in known_depths
-    }
+    configs = {}
+    for name, kind, search, smooth, consistent in SEARCHED:
+        if kind in depths:
+            searched = replace(warp, depth=search, smooth=smooth, consistent=consistent)
+            configs[name] = replace(config, warp=ReplacedDepthWarp(depths[kind], searched))
+    return configs
 
 
 def propagated(
@@ -175,10 +176,10 @@ def propagated(
     """
     if aligned.renders is None:
         raise InputError("references", "come without the splat's renders of them", "give a run with training renders")
-    seen = aligned.visibility
+    visibility = aligned.visibility
     difference = (aligned.renders - render).abs().mean(1, keepdim=True)
-    total, share = F.avg_pool2d(torch.cat([difference * seen, seen]), 5, 1, 2).chunk(2)
-    weight = seen * torch.exp(-total / share.clamp_min(1e-6) / softness)
+    total, share = F.avg_pool2d(torch.cat([difference * visibility, visibility]), 5, 1, 2).chunk(2)
+    weight = visibility * torch.exp(-total / share.clamp_min(1e-6) / softness)
     residual = (weight * (aligned.references - aligned.renders)).sum(0) / (weight.sum(0) + prior)
     return (render + residual).clamp(0, 1)
 
@@ -220,26 +221,26 @@ def measured(
     """
     at_one_size(enhancer)
     configs = preparations(enhancer.reference_config, depths)
-    made = {name: with_references(enhancer, config) for name, config in configs.items()}
-    for one in enhanced_views(rendered, made, distances, every):
-        yield one.view, "raw", one.raw.metrics, one.raw.reasons
-        for name, result in one.results.items():
-            aligned, found = result.aligned, result.measured
-            shown = reference_quality(aligned, one.render, one.photo)
+    enhancers = {name: with_references(enhancer, config) for name, config in configs.items()}
+    for view in enhanced_views(rendered, enhancers, distances, every):
+        yield view.view, "raw", view.raw.metrics, view.raw.reasons
+        for name, result in view.results.items():
+            aligned, quality = result.aligned, result.measured
+            shown = reference_quality(aligned, view.render, view.photo)
             reasons = {key: "no reference is visible" for key, value in shown.items() if value is None}
             simple: dict[str, float | None] = {"propagated_psnr": None}
             if aligned.renders is None:
                 reasons["propagated_psnr"] = "the run kept no renders of its training views"
             else:
-                simple["propagated_psnr"] = psnr(quantise_8_bit(propagated(one.render, aligned)), one.photo)
-            yield one.view, name, {**found.metrics, **shown, **simple}, {**found.reasons, **reasons}
+                simple["propagated_psnr"] = psnr(quantise_8_bit(propagated(view.render, aligned)), view.photo)
+            yield view.view, name, {**quality.metrics, **shown, **simple}, {**quality.reasons, **reasons}
 
 
 def gains(frame: pd.DataFrame) -> pd.DataFrame:
     """Every depth's rows with their gains over the raw render."""
-    found = with_gains(frame, {"variant": "raw"}, ("run", "view"))
-    found["gain of residuals"] = found["propagated_psnr"] - (found["psnr"] - found["gain psnr"])
-    return found[found["variant"] != "raw"]
+    rows = with_gains(frame, {"variant": "raw"}, ("run", "view"))
+    rows["gain of residuals"] = rows["propagated_psnr"] - (rows["psnr"] - rows["gain psnr"])
+    return rows[rows["variant"] != "raw"]
 
 
 def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
@@ -259,8 +260,8 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
         depths = depths_of(fit, replace(rendered, targets=rendered.targets[:: cfg.every]))
         for view, variant, metrics, reasons in measured(rendered, enhancer, depths, distances, cfg.every):
             size = (view.camera.width, view.camera.height) if view.camera is not None else (0, 0)
-            what = (fit.name, scene_of(fit), splat, view.name, variant)
-            yield Record("depth", *what, metrics, reasons, size, note)
+            record_key = (fit.name, scene_of(fit), splat, view.name, variant)
+            yield Record("depth", *record_key, metrics, reasons, size, note)
 
     return Study(finished_fits(cfg.runs), measure, derived=gains)
 

@@ -50,23 +50,23 @@ class StudiedRun:
 
 
 def rows(
-    one: StudiedRun, method: str, made: tuple[str, SetEnhancer], distances: Sequence[PerceptualDistance]
+    studied: StudiedRun, method: str, digest: str, enhancer: SetEnhancer, distances: Sequence[PerceptualDistance]
 ) -> Iterator[dict[str, object]]:
     """Two rows a held-out view: the splat's render, and the render enhanced.
 
     Args:
-        one: the run.
+        studied: the run.
         method: name of the enhancer.
-        made: digest of its weights, and the enhancer.
+        digest: of its weights.
+        enhancer: enhances the views.
         distances: LPIPS distances to measure as well.
 
     Raises:
         InputError: the run's views cannot be read.
     """
-    digest, enhancer = made
-    about: dict[str, object] = {"role": role_of(one.capture), "scene": one.capture, "splat": one.splat}
-    about |= {"seconds": one.seconds, "gaussians": one.gaussians}
-    for view in enhanced_views(read_run(one.run), {method: enhancer}, distances):
+    about: dict[str, object] = {"role": role_of(studied.capture), "scene": studied.capture, "splat": studied.splat}
+    about |= {"seconds": studied.seconds, "gaussians": studied.gaussians}
+    for view in enhanced_views(read_run(studied.run), {method: enhancer}, distances):
         row_key = {**about, "view": view.view.name}
         yield {**row_key, "image": "render", "weights": "", **view.raw.metrics}
         yield {**row_key, "image": method, "weights": digest, **view.results[method].measured.metrics}
@@ -86,8 +86,8 @@ def named(word: str) -> StudiedRun:
     Raises:
         InputError: it has another form, the capture has no role, or the run has no held-out views or no record of cost.
     """
-    what, _, folder = word.partition(":")
-    capture, _, splat = what.partition("/")
+    label, _, folder = word.partition(":")
+    capture, _, splat = label.partition("/")
     if not (capture and splat and folder):
         raise InputError(word, "names no run", "write CAPTURE/SPLAT:RUN")
     role_of(capture)
@@ -100,22 +100,22 @@ def named(word: str) -> StudiedRun:
     return StudiedRun(capture, splat, run, seconds / 1e3, count)
 
 
-def chosen(words: Sequence[str], held: Collection[tuple[str, str]]) -> list[StudiedRun]:
+def chosen(words: Sequence[str], recorded: Collection[tuple[str, str]]) -> list[StudiedRun]:
     """Parse the names of runs and check them before any is measured.
 
     Args:
         words: see `named`.
-        held: captures and splats in the records.
+        recorded: captures and splats in the records.
 
     Raises:
         InputError: a word names no such run, two name the same splat, or a capture's raw splat is not there.
     """
     runs = [named(word) for word in words]
-    pairs = [(one.capture, one.splat) for one in runs]
+    pairs = [(studied.capture, studied.splat) for studied in runs]
     for capture, splat in pairs:
         if pairs.count((capture, splat)) > 1:
             raise InputError("runs", f"name {capture}/{splat} twice", "name one run of each splat")
-        if (capture, BASE) not in {*pairs, *held}:
+        if (capture, BASE) not in {*pairs, *recorded}:
             raise InputError(capture, f"has no splat {BASE} to compare with", f"add {capture}/{BASE}:FIT to runs")
     return runs
 
@@ -127,12 +127,12 @@ def study(cfg: DictConfig, device: torch.device) -> Study[StudiedRun]:
         InputError: weights, runs or records cannot be read.
     """
     if not cfg.runs:
-        return Study((), lambda one: (), KEYS, COLUMNS, derived=gains)
-    held = RowFile(Path(cfg.records), KEYS, COLUMNS).read_or_empty()
-    runs = chosen(cfg.runs, set(zip(held["scene"], held["splat"], strict=True)))
+        return Study((), lambda studied: (), KEYS, COLUMNS, derived=gains)
+    recorded = RowFile(Path(cfg.records), KEYS, COLUMNS).read_or_empty()
+    runs = chosen(cfg.runs, set(zip(recorded["scene"], recorded["splat"], strict=True)))
     distances = requested_distances(cfg.lpips, cfg.backbones, device)
-    ((method, made),) = enhancers([cfg.weights], device).items()
-    return Study(runs, lambda one: rows(one, method, made, distances), KEYS, COLUMNS, derived=gains)
+    ((method, (digest, enhancer)),) = enhancers([cfg.weights], device).items()
+    return Study(runs, lambda studied: rows(studied, method, digest, enhancer, distances), KEYS, COLUMNS, derived=gains)
 
 
 run = job(study)

@@ -15,14 +15,14 @@ from omegaconf import DictConfig
 from ablations.realism.diversity import diversity
 from ablations.realism.patches import RenderPair
 from ablations.realism.realism import RealRender, Row, simulated_pairs
-from ablations.scripts.realism import chosen, told
+from ablations.scripts.realism import chosen, print_row
 from ablations.scripts.simulators import rows
 from ablations.study.engine import Study, job
 from gaussian_enhancer.errors import InputError
 
 
-def same_views(pairs: list[RenderPair], least: int = 2) -> list[list[RenderPair]]:
-    """Pairs grouped by scene, view and size; groups of fewer than ``least`` have no spread and are left out.
+def same_views(pairs: list[RenderPair], minimum: int = 2) -> list[list[RenderPair]]:
+    """Pairs grouped by scene, view and size; groups of fewer than ``minimum`` have no spread and are left out.
 
     Raises:
         InputError: no view has so many renders.
@@ -30,9 +30,9 @@ def same_views(pairs: list[RenderPair], least: int = 2) -> list[list[RenderPair]
     groups: dict[tuple[object, ...], list[RenderPair]] = defaultdict(list)
     for pair in pairs:
         groups[pair.scene, pair.view, *pair.photo.shape].append(pair)
-    kept = [group for group in groups.values() if len(group) >= least]
+    kept = [group for group in groups.values() if len(group) >= minimum]
     if not kept:
-        raise InputError("runs", f"contain no view with {least} renders", "name several runs of one scene")
+        raise InputError("runs", f"contain no view with {minimum} renders", "name several runs of one scene")
     return kept
 
 
@@ -50,11 +50,11 @@ def compared(name: str, row: Row, reals: list[RealRender], seed: int) -> dict:
         kind: [diversity(torch.stack([getattr(pair, kind) for pair in group]) / 255) for group in groups]
         for kind in ("simulated", "real")
     }
-    found: dict[str, object] = {"row": name, "seed": seed, "views": len(groups), "renders": sum(map(len, groups))}
+    result: dict[str, object] = {"row": name, "seed": seed, "views": len(groups), "renders": sum(map(len, groups))}
     for kind, values in spreads.items():
         deviation = statistics.stdev(values) if len(values) > 1 else None
-        found[kind] = {"mean": statistics.fmean(values), "deviation": deviation, "n": len(values)}
-    return found
+        result[kind] = {"mean": statistics.fmean(values), "deviation": deviation, "n": len(values)}
+    return result
 
 
 def spreads(frame: pd.DataFrame) -> pd.DataFrame:
@@ -71,7 +71,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
         InputError: a row is unknown, or runs cannot be used.
     """
     makers, reals = rows(cfg.rows, cfg.generator_weights), chosen(cfg.runs, None, cfg.seed)
-    measure = lambda name: [told(compared(name, makers[name], reals, cfg.seed))]  # noqa: E731
+    measure = lambda name: [print_row(compared(name, makers[name], reals, cfg.seed))]  # noqa: E731
     return Study(tuple(makers), measure, ("row", "seed"), derived=spreads, option="rows")
 
 

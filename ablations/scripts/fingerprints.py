@@ -59,29 +59,29 @@ def calibrate(run: Path, folder: Path, count: int, photographs: int = 3) -> None
 
 def rows(run: Path, count: int) -> list[dict[str, object]]:
     """One record for each of a run's snapshots: energies of both sides and their ratios."""
-    found = []
+    records = []
     for step in run_steps(run):
         rendered = read_run(run, step)
-        seen, unseen = measured(rendered.references, count), measured(rendered.targets, count)
+        training, held_out = measured(rendered.references, count), measured(rendered.targets, count)
         record: dict[str, object] = {"run": run.name, "step": step, "last": step == run_steps(run)[-1]}
-        record |= {"training_views": seen.views, "held_out_views": unseen.views}
+        record |= {"training_views": training.views, "held_out_views": held_out.views}
         for name in ENERGIES:
-            before, after = getattr(seen, name), getattr(unseen, name)
+            before, after = getattr(training, name), getattr(held_out, name)
             record[name] = {"training": before, "held_out": after, "ratio": after / before if before > 0 else None}
-        found.append(record)
-    return found
+        records.append(record)
+    return records
 
 
 def by_energy(frame: pd.DataFrame) -> pd.DataFrame:
     """One row a snapshot and energy: the ratio at each run's last step, factor and power over all snapshots."""
-    parts = []
+    tables = []
     for name in ENERGIES:
-        own = pd.DataFrame({"energy": name, "step": frame["step"]})
+        table = pd.DataFrame({"energy": name, "step": frame["step"]})
         before, after = frame[f"{name} training"], frame[f"{name} held_out"]
-        own["ratio at the end"] = (after / before).where(frame["last"] & (before > 0))
-        own["factor"], own["power"] = growth(list(zip(before, after, strict=True)))
-        parts.append(own)
-    return pd.concat(parts, ignore_index=True)
+        table["ratio at the end"] = (after / before).where(frame["last"] & (before > 0))
+        table["factor"], table["power"] = growth(list(zip(before, after, strict=True)))
+        tables.append(table)
+    return pd.concat(tables, ignore_index=True)
 
 
 def growth(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
@@ -89,10 +89,10 @@ def growth(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
 
     NaN where fewer than two energies are positive.
     """
-    known = [(math.log(before), math.log(after)) for before, after in pairs if before > 0 and after > 0]
-    if len({before for before, _ in known}) < 2:
+    logarithms = [(math.log(before), math.log(after)) for before, after in pairs if before > 0 and after > 0]
+    if len({before for before, _ in logarithms}) < 2:
         return math.nan, math.nan
-    power, logarithm = statistics.linear_regression(*zip(*known, strict=True))
+    power, logarithm = statistics.linear_regression(*zip(*logarithms, strict=True))
     return math.exp(logarithm), power
 
 

@@ -72,12 +72,12 @@ class FrameSequence:
 
 def path_cameras(run: Path, count: int, frames: int) -> tuple[Camera, ...]:
     """A smooth path through the middle ``count`` cameras of a run's capture, held-out ones among them."""
-    listed = sorted(read_cameras(run / "cameras.json"), key=lambda one: one.name)
-    tour = [listed[i].camera for i in short_tour([one.camera for one in listed])]
+    listed = sorted(read_cameras(run / "cameras.json"), key=lambda listed_camera: listed_camera.name)
+    tour = [listed[i].camera for i in short_tour([listed_camera.camera for listed_camera in listed])]
     if not 2 <= count <= len(tour):
         raise InputError("cameras", f"is {count}", f"give 2 to {len(tour)}, the cameras of {run.name}")
-    first = (len(tour) - count) // 2
-    return smooth_path(tour[first : first + count], frames)
+    start = (len(tour) - count) // 2
+    return smooth_path(tour[start : start + count], frames)
 
 
 def path_renders(run: Path, cameras: Sequence[Camera]) -> RenderedSet:
@@ -119,17 +119,17 @@ def rendered_sequence(
             raise InputError(view.name, "lacks render, camera or depth", "render the path from a splat")
         places.append(FrameGeometry(view.camera, view.read_depth(), view.read_alpha() if view.read_alpha else None))
         raw.append(view.read())
-    images = {"raw": tuple(raw), "enhanced": tuple(one.image for one in enhanced)}
-    images["change"] = tuple(0.5 + one.image - image for one, image in zip(enhanced, raw, strict=True))
+    images = {"raw": tuple(raw), "enhanced": tuple(frame.image for frame in enhanced)}
+    images["change"] = tuple(0.5 + frame.image - image for frame, image in zip(enhanced, raw, strict=True))
     for name, frames in chosen.items():
-        shown = tuple(one.image for one in frames)
+        shown = tuple(frame.image for frame in frames)
         images[name] = shown
         for share in temporal_smoothing:
             prefix = "" if name == "enhanced" else f"{name} "
             images[f"{prefix}{STEADY}{share:g}"] = tuple(_steadied(rendered, shown, share))
     if photos:
         images["photo"] = tuple(photos)
-    references = {name: tuple(one.references for one in frames) for name, frames in chosen.items()}
+    references = {name: tuple(frame.references for frame in frames) for name, frames in chosen.items()}
     return FrameSequence(tuple(places), images, references)
 
 
@@ -162,8 +162,8 @@ def records(run: Path, sequence: FrameSequence, weights: str) -> Iterator[Record
             record_key = (run.name, scene_of(run), f"ours_{run_steps(run)[-1]}", f"path_{t:04d}.png", variant)
             extra: dict[str, float | None] = {}
             if variant in changed:
-                new, reordered = changed[variant][t]
-                extra = {"references_new": float(new), "references_reordered": float(reordered)}
+                added, reordered = changed[variant][t]
+                extra = {"references_new": float(added), "references_reordered": float(reordered)}
             elif variant == "change":
                 extra = {"size": float((images[t] - 0.5).abs().mean())}
             if "photo" in sequence.images and variant not in ("photo", "change"):
@@ -178,27 +178,27 @@ def compared(frame: pd.DataFrame) -> pd.DataFrame:
     An error "over" another is divided by the other's mean over the pairs that both have, so that its mean over pairs is
     the ratio of the two means.
     """
-    found = with_gains(frame, {"variant": "raw"}, ("run", "view"))
-    found = with_other(with_other(found[found["visible"] > 0], "raw"), "photo")
-    error, groups = found["warped_error"], [found["run"], found["variant"]]
+    rows = with_gains(frame, {"variant": "raw"}, ("run", "view"))
+    rows = with_other(with_other(rows[rows["visible"] > 0], "raw"), "photo")
+    error, groups = rows["warped_error"], [rows["run"], rows["variant"]]
     for name in ("raw", "photo", "size"):
-        other = found[name].where(error.notna())
-        found[f"error over {name}"] = error.where(other.notna()) / other.groupby(groups).transform("mean")
-    new, excess = found["references_new"], 255 * (error - found["raw"])
-    gain = found["gain psnr"] if "gain psnr" in found else math.nan * error
+        baseline = rows[name].where(error.notna())
+        rows[f"error over {name}"] = error.where(baseline.notna()) / baseline.groupby(groups).transform("mean")
+    added, excess = rows["references_new"], 255 * (error - rows["raw"])
+    gain = rows["gain psnr"] if "gain psnr" in rows else math.nan * error
     columns = {
         "error": 255 * error,
-        "excess at new references": excess.where(new > 0),
-        "excess elsewhere": excess.where(new == 0),
-        "gain psnr": gain.where(found["variant"] != "raw"),
+        "excess at new references": excess.where(added > 0),
+        "excess elsewhere": excess.where(added == 0),
+        "gain psnr": gain.where(rows["variant"] != "raw"),
     }
-    return found.assign(**columns)
+    return rows.assign(**columns)
 
 
 def with_other(frame: pd.DataFrame, variant: str) -> pd.DataFrame:
     """The frame with a column that holds the error of another variant of the same pair of frames."""
-    other = frame.loc[frame["variant"] == variant, ["run", "view", "warped_error"]]
-    return frame.merge(other.rename(columns={"warped_error": variant}), on=["run", "view"], how="left")
+    other_errors = frame.loc[frame["variant"] == variant, ["run", "view", "warped_error"]]
+    return frame.merge(other_errors.rename(columns={"warped_error": variant}), on=["run", "view"], how="left")
 
 
 def _metrics(error: WarpedError) -> dict[str, float | None]:
@@ -241,15 +241,15 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
     """
 
     @cache
-    def made() -> tuple[str, SetEnhancer]:
+    def load_enhancer() -> tuple[str, SetEnhancer]:
         """The weights' entry for records, and the enhancer; loaded only if something has to be measured."""
-        found = load_weights(cfg.weights)
-        enhancer = EnhancementOptions(strength=cfg.strength).enhancer(found, found.reference_config, device)
+        pretrained = load_weights(cfg.weights)
+        enhancer = EnhancementOptions(strength=cfg.strength).enhancer(pretrained, pretrained.reference_config, device)
         digest = checkpoint_digest(find_checkpoint(cfg.weights))
         return f"{Path(cfg.weights).name} {digest}, strength {enhancer.strength:g}", enhancer
 
     def measure(fit: Path) -> Iterator[Record]:
-        weights, enhancer = made()
+        weights, enhancer = load_enhancer()
         cameras = path_cameras(fit, cfg.cameras, cfg.frames)
         photos = exact_photos(fit, cameras)
         drawn = path_renders(fit, cameras)

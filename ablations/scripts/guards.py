@@ -57,12 +57,12 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
         InputError: weights or runs cannot be compared, or a run is of a test scene.
     """
     refuse_frozen(finished_fits(cfg.runs), "chosen by")
-    made = {
-        f"{name}, {cfg.guard} {limit}": guarded(found, cfg.guard, limit, device)
-        for name, found in loaded(cfg.weights).items()
+    enhancers = {
+        f"{name}, {cfg.guard} {limit}": guarded(pretrained, cfg.guard, limit, device)
+        for name, pretrained in loaded(cfg.weights).items()
         for limit in LIMITS[cfg.guard]
     }
-    return gain_study(made, cfg, device)
+    return gain_study(enhancers, cfg, device)
 
 
 run = job(study)

@@ -44,8 +44,8 @@ def measured(view: RenderedView, pool: ReferencePool, enhancer: SetEnhancer) -> 
     target, photo = read_target(view), view.read_photo()
     truth = match_exposure(photo, target.image)
     enhanced = enhancer.enhance(build_network_input(target, enhancer.reference_config.align(target, view, pool)))[0]
-    change, wanted = enhanced - target.image, truth - target.image
-    share = float((change * wanted).sum() / change.square().sum().clamp_min(1e-9))
+    change, ideal_change = enhanced - target.image, truth - target.image
+    share = float((change * ideal_change).sum() / change.square().sum().clamp_min(1e-9))
     raw = float(psnr(target.image, truth))
     return {"view": view.name, "raw": raw, "gain": float(psnr(enhanced, truth)) - raw, "best_share": share}
 
@@ -58,15 +58,15 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
     """
 
     @cache
-    def made() -> tuple[str, SetEnhancer]:
+    def load_enhancer() -> tuple[str, SetEnhancer]:
         """The digest of the weights, and the enhancer; loaded only if something has to be measured."""
-        found = load_weights(cfg.weights)
+        pretrained = load_weights(cfg.weights)
         options = EnhancementOptions(strength=1.0, confidence=cfg.confidence)
-        enhancer = options.enhancer(found, found.reference_config, device)
+        enhancer = options.enhancer(pretrained, pretrained.reference_config, device)
         return checkpoint_digest(find_checkpoint(cfg.weights)), enhancer
 
     def measure(run: Path) -> Iterator[dict[str, object]]:
-        (digest, enhancer), step = made(), run_steps(run)[-1]
+        (digest, enhancer), step = load_enhancer(), run_steps(run)[-1]
         rendered, scene = read_run(run, step), scene_of(run)
         pool = ReferencePool(rendered.references)
         about = {"role": role_of(scene), "scene": scene, "run": run.name, "step": step, "weights": digest}

@@ -42,31 +42,31 @@ def compared(name: str, row: Row, train: list[RealRender], test: list[RealRender
         cfg: conf/realism.yaml, composed.
     """
     started, worked = time.perf_counter(), time.process_time()
-    learn = cut_patches(simulated_pairs(train, row, cfg.seed), cfg.patch_size, cfg.patches, cfg.seed)
+    train_patches = cut_patches(simulated_pairs(train, row, cfg.seed), cfg.patch_size, cfg.patches, cfg.seed)
     pairs = list(simulated_pairs(test, row, cfg.seed + 1))
-    judge = cut_patches(pairs, cfg.patch_size, cfg.patches, cfg.seed + 1)
+    test_patches = cut_patches(pairs, cfg.patch_size, cfg.patches, cfg.seed + 1)
     simulated = time.perf_counter()
-    found: dict[str, object] = {"row": name, "seed": cfg.seed, "size": cfg.patch_size}
+    row_values: dict[str, object] = {"row": name, "seed": cfg.seed, "size": cfg.patch_size}
     for subject, conditional in (("alone", False), ("beside_photo", True)):
-        result = two_sample_test(learn, judge, conditional=conditional, seeds=cfg.seeds, first_seed=cfg.seed)
-        found[subject] = dataclasses.asdict(result)
-    found |= {"train_patches": 2 * len(learn), "train_views": len(learn.views), "train_scenes": learn.scenes}
-    found |= {"test_scenes": judge.scenes, "test_renders": len(pairs)}
-    found["distances"] = distances(pairs)
+        options = {"conditional": conditional, "seeds": cfg.seeds, "first_seed": cfg.seed}
+        row_values[subject] = dataclasses.asdict(two_sample_test(train_patches, test_patches, **options))
+    row_values |= {"train_patches": 2 * len(train_patches), "train_views": len(train_patches.views)}
+    row_values |= {"train_scenes": train_patches.scenes, "test_scenes": test_patches.scenes, "test_renders": len(pairs)}
+    row_values["distances"] = distances(pairs)
     elapsed = {"simulation": simulated - started, "tests": time.perf_counter() - simulated}
-    found["seconds"] = {**elapsed, "processor": time.process_time() - worked}
-    return found
+    row_values["seconds"] = {**elapsed, "processor": time.process_time() - worked}
+    return row_values
 
 
-def chosen(patterns: Sequence[str], most: int | None, seed: int) -> list[RealRender]:
+def chosen(patterns: Sequence[str], count: int | None, seed: int) -> list[RealRender]:
     """Real renders of the finished runs that patterns name; prints which runs are not finished."""
     runs, unfinished = finished_runs(patterns)
     for run in unfinished:
         print(f"{run}: not finished, left out", file=sys.stderr)
-    return real_renders(runs, most, seed)
+    return real_renders(runs, count, seed)
 
 
-def told(row: dict) -> dict:
+def print_row(row: dict) -> dict:
     """Print a row as soon as it is measured, since rows take long."""
     print(json.dumps(row), file=sys.stderr)
     return row
@@ -80,10 +80,10 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
     """
     makers = rows(cfg.rows, cfg.generator_weights, cfg.steps)
     train, test = (chosen(side, cfg.renders, cfg.seed) for side in (cfg.train, cfg.test))
-    shared = {one.scene for one in train} & {one.scene for one in test}
+    shared = {render.scene for render in train} & {render.scene for render in test}
     if shared:
         raise InputError("test", f"shares the scene {sorted(shared)[0]} with train", "keep the scenes apart")
-    measure = lambda name: [told(compared(name, makers[name], train, test, cfg))]  # noqa: E731
+    measure = lambda name: [print_row(compared(name, makers[name], train, test, cfg))]  # noqa: E731
     return Study(tuple(makers), measure, ("row", "seed", "size"), option="rows")
 
 

@@ -25,11 +25,11 @@ def trained(row: str, runs: Path) -> Path:
     Raises:
         InputError: there is none, or more than one.
     """
-    found = sorted(folder for folder in (runs / "train").glob(f"renders_{row}-*") if (folder / "done").is_file())
-    if len(found) != 1:
+    finished = sorted(folder for folder in (runs / "train").glob(f"renders_{row}-*") if (folder / "done").is_file())
+    if len(finished) != 1:
         remedy = f"run: gaussian-enhancer train +recipe=renders +ablation/renders={row}"
-        raise InputError(f"row {row}", f"has {len(found)} finished trainings", remedy)
-    return found[0] / "weights.safetensors"
+        raise InputError(f"row {row}", f"has {len(finished)} finished trainings", remedy)
+    return finished[0] / "weights.safetensors"
 
 
 def enhancers(rows: Sequence[str], runs: Path, device: torch.device | None = None) -> dict[str, SetEnhancer]:
@@ -39,10 +39,10 @@ def enhancers(rows: Sequence[str], runs: Path, device: torch.device | None = Non
         InputError: rows were trained with different preparations, so that their views could not be shared.
     """
     loaded = {row: load_weights(trained(row, runs)) for row in rows}
-    configs = [one.reference_config for one in loaded.values()]
+    configs = [pretrained.reference_config for pretrained in loaded.values()]
     if any(config != configs[0] for config in configs):
         raise InputError("rows", "prepare their references differently", "train them with the same recipe")
-    return {row: SetEnhancer(one.network, one.reference_config, device) for row, one in loaded.items()}
+    return {row: SetEnhancer(pretrained.network, configs[0], device) for row, pretrained in loaded.items()}
 
 
 def study(cfg: DictConfig, device: torch.device) -> Study[Path]:

@@ -44,7 +44,7 @@ def measured(cfg: DictConfig) -> Iterator[dict[str, Any]]:
     Raises:
         InputError: weights or runs cannot be used.
     """
-    views = [one.target for one in real_renders(finished_fits(cfg.runs), cfg.renders)]
+    views = [render.target for render in real_renders(finished_fits(cfg.runs), cfg.renders)]
     photo, real = (torch.stack([_crop(getattr(view, side)) for view in views]) for side in ("read_photo", "read"))
     gate = calibrate_gate(
         measure_fingerprint(list(real), list(photo)), list(photo[:4]), torch.Generator().manual_seed(0), held_out={}
@@ -52,14 +52,14 @@ def measured(cfg: DictConfig) -> Iterator[dict[str, Any]]:
     manual = Simulator(gate)(View(photo), torch.Generator().manual_seed(0)).image
     model = load_model(cfg.generator_weights).model
     with torch.no_grad():
-        true = model.extractor(manual, real).grid.std((0, 2, 3))
+        extractor_spread = model.extractor(manual, real).grid.std((0, 2, 3))
         for name, sampler in SAMPLERS.items():
             started = time.perf_counter()
             codes = model.sample(manual, sampler, spawn(len(manual), torch.Generator().manual_seed(1)))
             seconds = time.perf_counter() - started
-            made = model.combine(manual, codes, spawn(len(manual), torch.Generator().manual_seed(2))).clamp(0, 1)
-            change = [float((image - photo).square().mean().sqrt()) for image in (made, real)]
-            spread = float((codes.grid.std((0, 2, 3)) / true).mean())
+            simulated = model.combine(manual, codes, spawn(len(manual), torch.Generator().manual_seed(2))).clamp(0, 1)
+            change = [float((image - photo).square().mean().sqrt()) for image in (simulated, real)]
+            spread = float((codes.grid.std((0, 2, 3)) / extractor_spread).mean())
             row = {"sampler": name, "spread": spread, "change": change[0] / change[1]}
             yield {**row, "milliseconds": 1e3 * seconds / len(manual), "views": len(manual)}
 

@@ -43,14 +43,14 @@ def run(cfg: DictConfig) -> None:
         InputError: weights cannot be used, or a file cannot be written.
     """
     require(cfg)
-    found = load_weights(cfg.weights)
-    network, card = found.network, {**found.card, "name": cfg.name, "strength": cfg.strength}
+    pretrained = load_weights(cfg.weights)
+    network, card = pretrained.network, {**pretrained.card, "name": cfg.name, "strength": cfg.strength}
     card |= {"helps": cfg.helps, "harms": cfg.harms}
     counts = {name: cfg[name] for name in ("references", "candidates") if cfg[name] is not None}
-    reference_config = replace(found.reference_config, **counts)
+    reference_config = replace(pretrained.reference_config, **counts)
     card |= {"reference_config": reference_config_of(reference_config)}
     if cfg.first:
-        network, first = with_first(network, load_weights(cfg.first))
-        card |= {"first": first, "design": design_of(network)}
-    save_weights(SHIPPED_FOLDER / f"{cfg.name}.safetensors", network, reference_config, card, found.confidence)
+        network, first_card = with_first(network, load_weights(cfg.first))
+        card |= {"first": first_card, "design": design_of(network)}
+    save_weights(SHIPPED_FOLDER / f"{cfg.name}.safetensors", network, reference_config, card, pretrained.confidence)
     write_text(SHIPPED_FOLDER / f"{cfg.name}.json", json.dumps(card, indent=2) + "\n")

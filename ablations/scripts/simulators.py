@@ -27,15 +27,15 @@ class AdaptedGates:
 
     def __init__(self, photos: int = 4) -> None:
         self.photos = photos
-        self.known: list[tuple[RenderedSet, Gate]] = []
+        self.calibrated: list[tuple[RenderedSet, Gate]] = []
 
     def __call__(self, splat: RenderedSet) -> Gate:
         """The gate of a splat."""
-        for other, gate in self.known:
-            if other is splat:
+        for calibrated_splat, gate in self.calibrated:
+            if calibrated_splat is splat:
                 return gate
-        self.known.append((splat, calibrate_on_splat(splat, torch.Generator().manual_seed(0), photos=self.photos)))
-        return self.known[-1][1]
+        self.calibrated.append((splat, calibrate_on_splat(splat, torch.Generator().manual_seed(0), photos=self.photos)))
+        return self.calibrated[-1][1]
 
 
 def rows(names: Sequence[str], generator: str | None = None, steps: int = 8) -> Mapping[str, Row]:

@@ -32,7 +32,7 @@ def slopes(records: Sequence[Record]) -> dict[str, float]:
     An order of 1 means that doubling the steps halves the error.
 
     Args:
-        records: from `measured_order`.
+        records: from `order_records`.
     """
     orders: dict[str, float] = {}
     for name in dict.fromkeys(record.scene for record in records):

@@ -35,13 +35,13 @@ def cases() -> list[Case]:
     """The cases of this family: references after each alignment, and as inputs of the network."""
     all_cases = []
     for name, about in ABOUT.items():
-        for way in WARPS:
+        for alignment in WARPS:
             all_cases.append(
                 Case(
                     "references",
-                    f"{name}_{way}",
+                    f"{name}_{alignment}",
                     about,
-                    partial(alignment_problem, name, way),
+                    partial(alignment_problem, name, alignment),
                     WARPED,
                     WHY,
                     ("forward",),
@@ -49,13 +49,13 @@ def cases() -> list[Case]:
             )
     about_invisible = "references of visibility 0 that hold huge numbers"
     all_cases.append(Case("references", "unseen_network", about_invisible, unseen_problem))
-    for part in ("render", "references", "alpha"):
-        about = f"NaN in one pixel of the {part}"
-        all_cases.append(Case("references", f"nan_in_{part}", about, partial(nan_problem, part), passes=("forward",)))
-    for part in ("render", "references"):
-        about = f"1e30 in a patch of the {part}"
+    for field in ("render", "references", "alpha"):
+        about = f"NaN in one pixel of the {field}"
+        all_cases.append(Case("references", f"nan_in_{field}", about, partial(nan_problem, field), passes=("forward",)))
+    for field in ("render", "references"):
+        about = f"1e30 in a patch of the {field}"
         all_cases.append(
-            Case("references", f"1e30_in_{part}", about, partial(large_value_problem, part), passes=("forward",))
+            Case("references", f"1e30_in_{field}", about, partial(large_value_problem, field), passes=("forward",))
         )
     return all_cases
 
@@ -63,16 +63,16 @@ def cases() -> list[Case]:
 WARPS: dict[str, Warp] = {"reprojected": Reprojected(), "unwarped": Unwarped()}
 
 
-def alignment_problem(name: str, way: str) -> Problem:
+def alignment_problem(name: str, alignment: str) -> Problem:
     """References aligned to the target's pixels."""
-    return Problem(partial(_aligned, name, way), {"render": as_target(plane()).image}, share=0.99)
+    return Problem(partial(_aligned, name, alignment), {"render": as_target(plane()).image}, share=0.99)
 
 
-def _aligned(name: str, way: str, module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
-    kind = inputs["render"].dtype
-    target = replace(_cast_view(as_target(plane()), kind), image=inputs["render"])
-    views = [_cast_view(view, kind) for view in references(name, target)]
-    aligned_set = WARPS[way](target, views, 3)
+def _aligned(name: str, alignment: str, module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
+    dtype = inputs["render"].dtype
+    target = replace(_cast_view(as_target(plane()), dtype), image=inputs["render"])
+    views = [_cast_view(view, dtype) for view in references(name, target)]
+    aligned_set = WARPS[alignment](target, views, 3)
     channels = torch.cat([aligned_set.references, aligned_set.visibility], 1)
     # Equal references may be returned in any order.
     return channels.sum(0) if len(channels) else torch.cat([inputs["render"], inputs["render"][:1]]) * 0
@@ -100,10 +100,10 @@ def references(name: str, target: LoadedView) -> Sequence[LoadedView]:
     return [replace(ordinary[0], name=view_name) for view_name in NAMES]
 
 
-def _cast_view(view: LoadedView, kind: torch.dtype) -> LoadedView:
+def _cast_view(view: LoadedView, dtype: torch.dtype) -> LoadedView:
     """A view with its images converted to a dtype; its camera is unchanged."""
     images = {name: getattr(view, name) for name in ("image", "depth", "alpha", "render")}
-    converted = {name: None if image is None else image.to(kind) for name, image in images.items()}
+    converted = {name: None if image is None else image.to(dtype) for name, image in images.items()}
     return replace(view, **converted)  # type: ignore[arg-type]
 
 
@@ -115,17 +115,17 @@ def unseen_problem() -> Problem:
     return Problem(run_network, views, shipped_network("lr_tiny"))
 
 
-def nan_problem(part: str) -> Problem:
+def nan_problem(field: str) -> Problem:
     """A view with NaN in one pixel, enhanced as in the job enhance."""
     views = network_inputs("noise", 1)
-    views[part].view(-1)[17] = math.nan
+    views[field].view(-1)[17] = math.nan
     return Problem(_enhanced, views, shipped_network("lr_tiny"))
 
 
-def large_value_problem(part: str) -> Problem:
+def large_value_problem(field: str) -> Problem:
     """A view with a patch of 1e30, whose square is not finite in float32, enhanced as in the job enhance."""
     views = network_inputs("noise", 1)
-    views[part][..., 4:12, 4:12] = 1e30
+    views[field][..., 4:12, 4:12] = 1e30
     return Problem(_enhanced, views, shipped_network("lr_tiny"))
 
 

@@ -78,9 +78,11 @@ def problem(kind: str, method: str, focal: float) -> Problem:
     )
 
 
-def _drawn(method: Method, camera: Camera, deep: bool, module: nn.Module | None, splat: dict[str, Tensor]) -> Tensor:
+def _drawn(
+    method: Method, camera: Camera, with_depth: bool, module: nn.Module | None, splat: dict[str, Tensor]
+) -> Tensor:
     image = render(Gaussians(**splat), camera, method, (0.2, 0.4, 0.6))
-    return torch.cat([image.colour, image.alpha, image.depth] if deep else [image.colour, image.alpha])
+    return torch.cat([image.colour, image.alpha, image.depth] if with_depth else [image.colour, image.alpha])
 
 
 def _gaussians(axes: int, count: int, focal: float) -> dict[str, Tensor]:

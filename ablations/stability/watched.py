@@ -53,19 +53,10 @@ class _Worker:
         self.process.start()
         worker_end.close()
         self.alive = True
-        self._expect(600.0)  # imports are slow on a busy machine
+        self.answer(600.0)  # imports are slow on a busy machine
 
     def answer(self, seconds: float) -> CaseOutcome:
         """The outcome of the next cell; a failure if none arrives in time or the process dies."""
-        return self._expect(seconds)
-
-    def end(self) -> None:
-        """Stop the process."""
-        self.process.kill()
-        self.process.join()
-        self.answers.close()
-
-    def _expect(self, seconds: float) -> CaseOutcome:
         if not self.answers.poll(seconds):
             self.alive = False
             return CaseOutcome(FAILED, f"has no result after {seconds:g} s", seconds=seconds)
@@ -76,6 +67,12 @@ class _Worker:
             self.alive = False
             return CaseOutcome(FAILED, f"exited with code {self.process.exitcode}")
         return cell
+
+    def end(self) -> None:
+        """Stop the process."""
+        self.process.kill()
+        self.process.join()
+        self.answers.close()
 
 
 def compute(tasks: Sequence[Task], answers: Connection, threads: int) -> None:

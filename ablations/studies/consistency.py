@@ -59,9 +59,9 @@ class WarpedError:
 
 def warped_error(
     image: Float[Tensor, "3 h w"],
-    place: FrameGeometry,
+    geometry: FrameGeometry,
     other: Float[Tensor, "3 h w"],
-    other_place: FrameGeometry,
+    other_geometry: FrameGeometry,
     tolerance: float = 0.02,
 ) -> WarpedError:
     """Warp another frame onto this one through this frame's depth, and compare them where both show the same surface.
@@ -75,18 +75,18 @@ def warped_error(
 
     Args:
         image: this frame, [0, 1]; quantised to 8 bits as in `measure_pair`.
-        place: its camera and geometry.
+        geometry: its camera and geometry.
         other: the other frame, [0, 1]; quantised likewise.
-        other_place: its camera and geometry.
+        other_geometry: its camera and geometry.
         tolerance: standard deviation of the relative depth difference of one surface.
 
     Raises:
         InputError: an image, its depth and its camera differ in size.
     """
-    for frame, frame_place in ((image, place), (other, other_place)):
-        _same_size(frame, frame_place)
-    depth_test = other_place.depth, place.alpha, tolerance
-    warped = reproject(place.camera, place.depth, other_place.camera, quantise_8_bit(other), *depth_test)
+    for frame, frame_geometry in ((image, geometry), (other, other_geometry)):
+        _same_size(frame, frame_geometry)
+    depth_test = other_geometry.depth, geometry.alpha, tolerance
+    warped = reproject(geometry.camera, geometry.depth, other_geometry.camera, quantise_8_bit(other), *depth_test)
     weight = warped.visibility.double()
     total = float(weight.sum())
     if total == 0:
@@ -98,28 +98,28 @@ def warped_error(
 
 
 def sequence_errors(
-    images: Sequence[Float[Tensor, "3 h w"]], places: Sequence[FrameGeometry], tolerance: float = 0.02
+    images: Sequence[Float[Tensor, "3 h w"]], geometries: Sequence[FrameGeometry], tolerance: float = 0.02
 ) -> tuple[WarpedError, ...]:
     """The `warped_error` of every frame with the next one warped onto it.
 
     Args:
         images: frames along a path.
-        places: camera and geometry of each frame.
+        geometries: camera and geometry of each frame.
         tolerance: as in `warped_error`.
 
     Raises:
         InputError: counts differ, or there are fewer than two frames.
     """
-    if len(images) != len(places):
-        raise InputError("frames", f"are {len(images)} for {len(places)} places", "give one place for each frame")
+    if len(images) != len(geometries):
+        raise InputError("frames", f"are {len(images)} for {len(geometries)} places", "give one place for each frame")
     if len(images) < 2:
         raise InputError("frames", f"are {len(images)}", "give at least two to compare")
-    neighbours = itertools.pairwise(zip(images, places, strict=True))
-    return tuple(warped_error(*this, *following, tolerance) for this, following in neighbours)
+    neighbours = itertools.pairwise(zip(images, geometries, strict=True))
+    return tuple(warped_error(*frame, *next_frame, tolerance) for frame, next_frame in neighbours)
 
 
-def _same_size(image: Tensor, place: FrameGeometry) -> None:
-    sizes = [tuple(image.shape[-2:]), tuple(place.depth.shape[-2:]), (place.camera.height, place.camera.width)]
+def _same_size(image: Tensor, geometry: FrameGeometry) -> None:
+    sizes = [tuple(image.shape[-2:]), tuple(geometry.depth.shape[-2:]), (geometry.camera.height, geometry.camera.width)]
     if len(set(sizes)) > 1:
         size_texts = " and ".join(f"{width}x{height}" for height, width in dict.fromkeys(sizes))
         raise InputError("frame", f"has image, depth and camera of {size_texts}", "bring them to one size")

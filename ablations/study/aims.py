@@ -36,7 +36,7 @@ class Verdict:
     method: str
     scene: str
     aim: str
-    found: str
+    finding: str
     met: bool | None
 
 
@@ -78,7 +78,7 @@ def ranked_losses(results: Results, method: str, metric: str) -> list[FrameLoss]
         for (pair, _), views in gains.values.items()
         for view, gain in views.items()
     ]
-    return sorted(frame_losses, key=lambda one: -one.loss)
+    return sorted(frame_losses, key=lambda frame_loss: -frame_loss.loss)
 
 
 def format_gain_sample(gains: ScoreSample) -> str:
@@ -96,20 +96,20 @@ def verdicts(results: Results, method: str, aims: Aims) -> tuple[Verdict, ...]:
     """Judge every aim for a method of ours: gains by scene, being ahead by scene, no frame made worse."""
     scenes = tuple(dict.fromkeys(scene for scene, _ in results.pairs))
     judged = [
-        _gain_verdict(results, method, scene, metric, least)
+        _gain_verdict(results, method, scene, metric, required)
         for scene in scenes
-        for metric, least in aims.gains.get(scene, {}).items()
+        for metric, required in aims.gains.get(scene, {}).items()
     ]
     if aims.ahead and methods_of_role(results, "other"):
         judged += [_ahead_verdict(results, method, scene, aims.ahead) for scene in scenes]
     return (*judged, *(_loss_verdict(results, method, metric, limit) for metric, limit in aims.allowed.items()))
 
 
-def _gain_verdict(results: Results, method: str, scene: str, metric: str, least: float) -> Verdict:
+def _gain_verdict(results: Results, method: str, scene: str, metric: str, required: float) -> Verdict:
     gains = results.sample(pairs_of(results, scene), method, metric, results.study.baseline)
     improvement = improvement_sign(metric) * gains.mean()
-    met = None if not gains.complete else improvement >= least if least > 0 else improvement > 0
-    aim = f"{metric} {improvement_sign(metric) * least:+g} or better" if least > 0 else f"{metric} better"
+    met = None if not gains.complete else improvement >= required if required > 0 else improvement > 0
+    aim = f"{metric} {improvement_sign(metric) * required:+g} or better" if required > 0 else f"{metric} better"
     return Verdict(method, scene, aim, format_gain_sample(gains), met)
 
 

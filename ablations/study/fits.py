@@ -20,16 +20,16 @@ def finished_runs(patterns: Sequence[str]) -> tuple[list[Path], list[Path]]:
     """
     if not patterns:
         raise InputError("runs", "name no fit", "give folders of finished fits, or patterns")
-    done: set[Path] = set()
+    finished: set[Path] = set()
     unfinished: set[Path] = set()
     for pattern in patterns:
         folders = [Path(path) for path in glob.glob(pattern) if Path(path).is_dir()]
-        done_here = {folder for folder in folders if (folder / "done").is_file()}
-        if not done_here:
+        finished_here = {folder for folder in folders if (folder / "done").is_file()}
+        if not finished_here:
             raise InputError(pattern, "names no finished run", "fit first, or correct the pattern")
-        done |= done_here
-        unfinished |= set(folders) - done_here
-    return sorted(done), sorted(unfinished)
+        finished |= finished_here
+        unfinished |= set(folders) - finished_here
+    return sorted(finished), sorted(unfinished)
 
 
 def finished_fits(patterns: Sequence[str]) -> list[Path]:

@@ -112,7 +112,7 @@ def _lines(results: Results, members: Mapping[tuple[str, str], Sequence[tuple[in
                     continue
                 located = [*members.get((block, method), ()), *members.get(("", method), ())]
                 empty_line = Line(
-                    block, key, method, records=tuple(place for place, scene in located if scene in scenes)
+                    block, key, method, records=tuple(index for index, scene in located if scene in scenes)
                 )
                 if table.kind == "repeats":
                     yield from _statistic_lines(results, empty_line, scenes)
@@ -225,8 +225,8 @@ def _paper(table: TableDescription, line: Line, metric: str) -> tuple[float | No
     return value, value - baseline_value
 
 
-def _at(values: Sequence[float] | None, place: int) -> float | None:
-    return values[place] if values is not None and place < len(values) else None
+def _at(values: Sequence[float] | None, index: int) -> float | None:
+    return values[index] if values is not None and index < len(values) else None
 
 
 def _finite_or_none(value: float) -> float | None:

@@ -77,8 +77,9 @@ class Average(Network):
 
 def average() -> FixedMethod:
     """The average of render and warped references, with references aligned as for the shipped weights."""
-    plain = SetEnhancer(Average(), ReferenceConfig(), precision="float32", colour_clamping=0, colour_completion=False)
-    return FixedMethod("none", plain)
+    config = ReferenceConfig()
+    enhancer = SetEnhancer(Average(), config, precision="float32", colour_clamping=0, colour_completion=False)
+    return FixedMethod("none", enhancer)
 
 
 @dataclass(frozen=True)

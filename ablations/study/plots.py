@@ -149,10 +149,10 @@ def _round_ticks(axis: Any, low: float, high: float) -> None:
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 
-def front_of_curves(curves: Mapping[str, Sequence[Mark]], base: float | None) -> tuple[Point, ...]:
+def front_of_curves(curves: Mapping[str, Sequence[Mark]], baseline_error: float | None) -> tuple[Point, ...]:
     """The Pareto front of all curves, without points no better than the baseline, which takes no time."""
     points = [Point(f"{name}, {mark.label}", mark.x, mark.y) for name, marks in curves.items() for mark in marks]
-    return tuple(point for point in pareto_front(points) if base is None or point.error < base)
+    return tuple(point for point in pareto_front(points) if baseline_error is None or point.error < baseline_error)
 
 
 def bar_panels(title: str, panels: Sequence[tuple[str, Mapping[str, float], Sequence[float], str]]) -> str:

@@ -41,9 +41,9 @@ def methods_list(results: Results) -> str:
 
 
 def aims_table(results: Results, aims: Aims) -> pd.DataFrame:
-    """One line per aim: method, scene, aim, what was found, whether it is met."""
+    """One line per aim: method, scene, aim, the finding, whether it is met."""
     judged = [verdict for method in methods_of_role(results, "ours") for verdict in verdicts(results, method, aims)]
-    lines = [(v.method, v.scene, v.aim, v.found, VERDICTS[v.met]) for v in judged]
+    lines = [(v.method, v.scene, v.aim, v.finding, VERDICTS[v.met]) for v in judged]
     return frame(("method", "scene", "aim", "found", "verdict"), lines)
 
 
@@ -108,18 +108,18 @@ def missing_list(results: Results) -> str:
     return "".join(lines) or "Nothing.\n"
 
 
-def source_list(records: Sequence[Record], link: str, counted: str = "", between: str = "; ") -> str:
+def source_list(records: Sequence[Record], link: str, counted: str = "", separator: str = "; ") -> str:
     """A list of the records' protocols, machines, commits, times and file.
 
     Args:
         records: all records of the page.
         link: address of their file, relative to the page.
         counted: text before the number of records.
-        between: separator of protocols.
+        separator: separator of protocols.
     """
     times = [record.time for record in records] or [""]
     return (
-        f"- protocol: {between.join(sorted({record.protocol for record in records} - {''}))}\n"
+        f"- protocol: {separator.join(sorted({record.protocol for record in records} - {''}))}\n"
         f"- machine: {'; '.join(sorted({record.machine for record in records}))}\n"
         f"- commit: {', '.join(sorted({record.commit for record in records}))} (`+`: with changes of its own)\n"
         f"- measured: {min(times)} to {max(times)}\n"

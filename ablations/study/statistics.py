@@ -87,7 +87,8 @@ def spread_over_seeds(gains: ScoreSample) -> Spread:
 def spread_over_scenes_and_seeds(gains: ScoreSample) -> Spread:
     """Spread over scenes and trainings: a run is one seed on one scene; its gain is the mean over views.
 
-    It is wider than `over_seeds`, since scenes differ: it shows how far the gain on one scene may be from the mean.
+    It is wider than that of `spread_over_seeds`, since scenes differ: it shows how far the gain on one scene may be
+    from the mean.
     """
     runs = {f"{pair[0]}, {_run(seed)}": mean for (pair, seed), mean in gains.unit_means().items()}
     return _spread(runs, {f"{pair[0]}, {_run(seed)}": reason for (pair, seed), reason in gains.missing.items()})
@@ -96,14 +97,14 @@ def spread_over_scenes_and_seeds(gains: ScoreSample) -> Spread:
 def interval(sample: ScoreSample, level: float = 0.95) -> tuple[float, float]:
     """Bootstrap interval of the sample's mean: BCa, `scipy.stats.bootstrap`.
 
-    With at least `FEWEST` scenes, scenes are resampled, each with all its splats, seeds and views. With fewer, the
+    With at least `MIN_UNITS` scenes, scenes are resampled, each with all its splats, seeds and views. With fewer, the
     scenes are fixed and the views of each scene are resampled, each with all its splats and seeds: values that share a
     photo stay together, and the interval holds for these scenes and these trainings only.
 
     A bootstrap interval of n units is too narrow by sqrt((n - 1) / n) and does not account for the heavy tails of a
     small sample. The level is therefore raised so that each tail is Phi(sqrt(n / (n - 1)) t_tail(degrees of freedom)),
-    as Hesterberg recommends. Below `FEWEST` units this would require the extremes of the resamples, so no interval is
-    given.
+    as Hesterberg recommends. Below `MIN_UNITS` units this would require the extremes of the resamples, so no interval
+    is given.
 
     Sources: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 14 (BCa); Hesterberg, What Teachers
     Should Know About the Bootstrap, The American Statistician 69, 2015 (expanded percentiles).
@@ -166,8 +167,8 @@ def _scene_matrices(sample: ScoreSample) -> list[Float[ndarray, "splat view"]]:
 def units_of(gains: ScoreSample) -> tuple[str, tuple[float, ...]]:
     """The means that a test of gains uses, and what one mean is taken for.
 
-    There is one mean per scene and seed. If these are fewer than `FEWEST`, no outcome could be significant; there is
-    then one mean per view, over its seeds. Neighbouring views show the same surfaces, and the test holds for these
+    There is one mean per scene and seed. If these are fewer than `MIN_UNITS`, no outcome could be significant; there
+    is then one mean per view, over its seeds. Neighbouring views show the same surfaces, and the test holds for these
     trainings only.
 
     Returns:

@@ -1,6 +1,6 @@
 """Time and memory of enhancing one view, by output resolution, on the available device.
 
-An `SetEnhancer` is measured on a view and its references in memory: choosing and aligning references, and the network.
+A `SetEnhancer` is measured on a view and its references in memory: choosing and aligning references, and the network.
 The scene is a slanted textured plane with exact depth, so that no dataset is needed.
 
 Axes: h height, w width.
@@ -28,7 +28,7 @@ from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.cost import device_description, peak_memory, time_interleaved
 from gaussian_enhancer.metrics.provenance import this_machine
 from gaussian_enhancer.metrics.records import Record, missing_record, read_records, write_records
-from gaussian_enhancer.runs import status as status
+from gaussian_enhancer.runs import status
 from gaussian_enhancer.runs.run import find_run, open_run
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
@@ -111,13 +111,13 @@ def _timed(runs: Runs, weights: Mapping[str, str], size: str, shape: tuple[int, 
 
 
 def _enhance_call(
-    path: str, shape: tuple[int, int], device: torch.device, seen: Callable[[int, int, int], RenderedSet]
+    path: str, shape: tuple[int, int], device: torch.device, make_views: Callable[[int, int, int], RenderedSet]
 ) -> Callable[[], object]:
     """A function that enhances one view by the weights of a file; network and views are loaded immediately."""
     pretrained = load_weights(path)
     enhancer = SetEnhancer(pretrained.network, pretrained.reference_config, device)
     height, width = (side // pretrained.network.scale for side in shape)
-    views = seen(height, width, pretrained.network.scale)
+    views = make_views(height, width, pretrained.network.scale)
     return lambda: [result.image for result in enhancer(views)]
 
 

@@ -67,18 +67,18 @@ def known_names() -> dict[str, tuple[str, ...]]:
     return {"all": tuple(path.stem for path in tables), "studies": tuple(path.stem for path in studies)}
 
 
-def asked_names(asked: Any) -> tuple[str, ...]:
+def requested_names(choice: Any) -> tuple[str, ...]:
     """Resolve a user's choice to names of tables and studies, in its order, each once.
 
     Args:
-        asked: a number, a name, "all" (tables and figures), "studies", or a list of these.
+        choice: a number, a name, "all" (tables and figures), "studies", or a list of these.
 
     Raises:
         InputError: a name is unknown, or the choice is empty.
     """
     groups = known_names()
     names: dict[str, None] = {}
-    for item in asked if isinstance(asked, Sequence) and not isinstance(asked, str) else [asked]:
+    for item in choice if isinstance(choice, Sequence) and not isinstance(choice, str) else [choice]:
         name = f"table_{item}" if str(item).isdigit() else str(item)
         resolved = groups.get(name, (name,) if name in (*groups["all"], *groups["studies"]) else ())
         if not resolved:

@@ -65,8 +65,8 @@ def published_fit_minutes(scene: DictConfig) -> float | None:
 def _file(folder: str, name: str) -> Path:
     file = configurations() / folder / f"{name}.yaml"
     if not file.is_file():
-        known = ", ".join(sorted(path.stem for path in file.parent.glob("*.yaml")))
-        raise InputError(folder, f"has no {name!r}", f"choose from {known}")
+        names = ", ".join(sorted(path.stem for path in file.parent.glob("*.yaml")))
+        raise InputError(folder, f"has no {name!r}", f"choose from {names}")
     return file
 
 
@@ -88,6 +88,6 @@ def _path(scene: DictConfig) -> tuple[Path | None, str]:
     unset = [name for name in VARIABLE.findall(raw) if name not in os.environ]
     if not unset:
         return Path(scene.path), ""
-    path_with_names = VARIABLE.sub(lambda found: f"${found[1]}" if found[1] in unset else found[0], raw)
+    path_with_names = VARIABLE.sub(lambda match: f"${match[1]}" if match[1] in unset else match[0], raw)
     other_values = {key: value for key, value in values.items() if key != "path"}
     return Path(OmegaConf.create({**other_values, "path": path_with_names}).path), unset[0]

@@ -25,7 +25,7 @@ from gaussian_enhancer.metrics.image_folders import Label
 from gaussian_enhancer.metrics.lpips import perceptual_distance
 from gaussian_enhancer.metrics.pair import PROTOCOL
 from gaussian_enhancer.metrics.records import Record, read_records, write_records
-from gaussian_enhancer.runs import status as status
+from gaussian_enhancer.runs import status
 from gaussian_enhancer.runs.compose import compose_job
 from gaussian_enhancer.runs.instantiate import require
 from gaussian_enhancer.runs.run import Run, find_run, open_run, run_digest

@@ -234,7 +234,7 @@ class _Plan:
         configured: Callable[[], DictConfig],
         inputs: tuple[str, ...],
         finer: bool,
-        words: Sequence[Any],
+        key: Sequence[Any],
     ) -> str:
         """Plan a run from its configuration; returns its digest, or a text in its place if composing failed."""
         job, not_started = work.job, State("not started")
@@ -248,7 +248,7 @@ class _Plan:
                 label,
                 not_started,
                 inputs,
-                self.estimates.minutes_without_config(job, words, finer),
+                self.estimates.minutes_without_config(job, key, finer),
                 str(error),
                 (),
             )

@@ -50,9 +50,8 @@ class Estimates:
         if job == "cost":
             pixels = int(cfg.shape[0]) * int(cfg.shape[1]) * len(cfg.train) * (int(cfg.repeats) + 2)
             return pixels / 1e6 * float(self.scale.minutes.megapixel)
-        views = next(
-            (len(list(photo_folder.iterdir())) for photo_folder in self._photos(str(cfg.fit))), VIEWS * int(cfg.every)
-        )
+        photo_folders = sorted((self.folder / "fit").glob(f"*-{cfg.fit}/test/ours_*/gt"))
+        views = len(list(photo_folders[0].iterdir())) if photo_folders else VIEWS * int(cfg.every)
         return -(-views // int(cfg.every)) * float(self.scale.minutes.finer_view if finer else self.scale.minutes.view)
 
     def minutes_without_config(self, job: str, overrides: Sequence[Any], finer: bool = False) -> float:
@@ -68,9 +67,6 @@ class Estimates:
         key = "settings.steps=" if job == "fit" else "trainer.max_steps="
         steps = [float(word.split("=")[1]) for word in map(str, overrides) if word.startswith(key)]
         return steps[-1] / 1000 * float(self.scale.minutes[job]) if steps else 0.0
-
-    def _photos(self, fit: str) -> Iterator[Path]:
-        yield from sorted((self.folder / "fit").glob(f"*-{fit}/test/ours_*/gt"))
 
 
 def _medians(entries: Iterator[tuple[str, float]]) -> dict[str, float]:

@@ -40,19 +40,19 @@ class FirstCall:
         call: repeats the call.
         image: the enhanced view.
         megabytes: peak memory.
-        compiling: seconds of compilation; None if nothing was compiled.
+        compile_seconds: seconds of compilation; None if nothing was compiled.
     """
 
     call: Callable[[], object]
     image: Float[Tensor, "3 _ _"]
     megabytes: float
-    compiling: float | None
+    compile_seconds: float | None
 
 
 def study_records(
     cfg: DictConfig,
     study: TradeoffStudy,
-    ready: SettingLoader,
+    loader: SettingLoader,
     distances: Sequence[PerceptualDistance],
     console: Console,
 ) -> Iterator[Record]:
@@ -61,21 +61,21 @@ def study_records(
     Args:
         cfg: conf/tradeoff.yaml, composed.
         study: what is measured.
-        ready: loads the settings.
+        loader: loads the settings.
         distances: LPIPS distances.
         console: prints progress.
     """
-    weights, missing_weights = _weights(study, ready)
+    weights, missing_weights = _weights(study, loader)
     for cell in study.cells:
         console.print(f"{study.name}: {cell.scene}", highlight=False)
         reasons = dict(missing_weights)
         cell_records: list[Record] = []
         try:
             fit = fitted_cell(cfg, cell)
-            enhance = dict(_enhancers(study, ready, weights, fit, reasons))
+            enhance = dict(_enhancers(study, loader, weights, fit, reasons))
             for view in held_views(cfg, fit, study):
-                first_calls = dict(_first_calls(study, enhance, view, ready.device, reasons))
-                cell_records += _view_records(study, cell, fit, view, first_calls, ready.device, distances)
+                first_calls = dict(_first_calls(study, enhance, view, loader.device, reasons))
+                cell_records += _view_records(study, cell, fit, view, first_calls, loader.device, distances)
         except InputError as error:
             cell_records, reasons = [], {setting.name: str(error) for setting in study.settings}
         trained_settings = {setting.name for setting in study.settings if setting.train}
@@ -106,25 +106,25 @@ def held_views(cfg: DictConfig, fit: Path, study: TradeoffStudy) -> tuple[Render
     return single_target_sets(task.rendered, study.views)
 
 
-def _weights(study: TradeoffStudy, ready: SettingLoader) -> tuple[dict[str, str], dict[str, str]]:
+def _weights(study: TradeoffStudy, loader: SettingLoader) -> tuple[dict[str, str], dict[str, str]]:
     """Weights by setting, and the reasons of settings without weights."""
     weights, reasons = {}, {}
     for setting in study.settings:
         try:
-            weights[setting.name] = ready.weights(setting)
+            weights[setting.name] = loader.weights(setting)
         except InputError as error:
             reasons[setting.name] = str(error)
     return weights, reasons
 
 
 def _enhancers(
-    study: TradeoffStudy, ready: SettingLoader, weights: Mapping[str, str], fit: Path, reasons: dict[str, str]
+    study: TradeoffStudy, loader: SettingLoader, weights: Mapping[str, str], fit: Path, reasons: dict[str, str]
 ) -> Iterator[tuple[str, Enhance]]:
     """Enhancement functions by setting for a fit's views; reasons of failed settings are added to ``reasons``."""
     for setting in study.settings:
         if setting.name not in reasons:
             try:
-                yield setting.name, ready.enhance(setting, weights[setting.name], fit)
+                yield setting.name, loader.enhance(setting, weights[setting.name], fit)
             except InputError as error:
                 reasons[setting.name] = str(error)
 
@@ -146,9 +146,9 @@ def _first_calls(
         try:
             if study.finer:
                 call()  # loads the fine photos, whose memory is not the setting's
-            compiling = _compile_seconds(call, device) if name in compiled else None
+            compile_seconds = _compile_seconds(call, device) if name in compiled else None
             peak_bytes = peak_memory(functools.partial(_call_and_store, call, images), device)
-            yield name, FirstCall(call, images[0], peak_bytes / 1e6, compiling)
+            yield name, FirstCall(call, images[0], peak_bytes / 1e6, compile_seconds)
         except Exception as error:
             if name not in compiled:
                 raise
@@ -170,11 +170,11 @@ def _view_records(
     cell: StudyCell,
     fit: Path,
     view: RenderedSet,
-    firsts: Mapping[str, FirstCall],
+    first_calls: Mapping[str, FirstCall],
     device: torch.device,
     distances: Sequence[PerceptualDistance],
 ) -> Iterator[Record]:
-    calls = {name: first_call.call for name, first_call in firsts.items()}
+    calls = {name: first_call.call for name, first_call in first_calls.items()}
     # Measuring peak memory returned memory to the system: a warm-up round allocates it again, as in long use.
     warm_up = time_interleaved(calls, repeats=1, warm_up=0, device=device)
     rounds = 1e3 * study.seconds / max(1e-6, sum(first_call.milliseconds for first_call in warm_up.values()))
@@ -184,7 +184,7 @@ def _view_records(
     memory = "allocated on the device" if device.type == "cuda" else "of the whole process"
     protocol = f"{PROTOCOL}; {device_description(device)}: median and quartiles of {repeats} interleaved repeats "
     protocol += f"after a warm-up, views in memory, references chosen and aligned anew; peak memory {memory}"
-    for name, first_call in firsts.items():
+    for name, first_call in first_calls.items():
         read: Callable[[], torch.Tensor] | None = target.read_fine_photo if study.finer else target.read_photo
         if read is None:
             raise InputError(fit, f"has no photo of {target.name}", "fit it again")
@@ -194,8 +194,8 @@ def _view_records(
         quartiles = times[name].quartiles
         low, middle, high = (value / megapixels for value in (quartiles[0], times[name].milliseconds, quartiles[1]))
         metrics = {**measured.metrics, TIME: middle, LOW: low, HIGH: high, "peak_memory_mb": first_call.megabytes}
-        if first_call.compiling is not None:
-            metrics["compile_seconds"] = first_call.compiling
+        if first_call.compile_seconds is not None:
+            metrics["compile_seconds"] = first_call.compile_seconds
         variant = f"{study.name}/{name}"
         yield Record(
             KIND, fit.name, cell.scene, cell.splat, target.name, variant, metrics, measured.reasons, size, protocol

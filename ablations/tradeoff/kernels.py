@@ -1,7 +1,7 @@
 """The kernels of the numerics study: each computation in float64, and by every implementation and dtype.
 
-Each function yields cases as (name, the float64 reference, ways by name). A way is one implementation in one dtype.
-Inputs are drawn once, in float64, and converted to the dtype of each way: errors contain those of the rounded inputs,
+Each function yields cases as (name, the float64 reference, calls by name). A call is one implementation in one dtype.
+Inputs are drawn once, in float64, and converted to the dtype of each call: errors contain those of the rounded inputs,
 of the arithmetic and of the method.
 
 Axes: c channels, h height, w width.
@@ -29,7 +29,6 @@ from gaussian_enhancer.degrade.generative.factors import Factors, grid_size
 from gaussian_enhancer.degrade.generative.weights import load_model
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.network.deform import deformable_sample
-from gaussian_enhancer.types import Camera
 
 Cases = Iterator[tuple[str, Callable[[], Tensor], Mapping[str, Callable[[], Tensor]]]]
 
@@ -53,15 +52,15 @@ def deformable(device: torch.device) -> Cases:
     offset, mask, weight = 3 * offset, mask.sigmoid(), weight / 17
 
     def ours(dtype: torch.dtype) -> Tensor:
-        return deformable_sample(*(part.to(dtype) for part in (x, offset, mask, weight)))
+        return deformable_sample(*(tensor.to(dtype) for tensor in (x, offset, mask, weight)))
 
     def theirs(dtype: torch.dtype) -> Tensor:
-        x_, offset_, mask_, weight_ = (part.to(dtype) for part in (x, offset, mask, weight))
+        x_, offset_, mask_, weight_ = (tensor.to(dtype) for tensor in (x, offset, mask, weight))
         return deform_conv2d(x_, offset_, weight_, padding=1, mask=mask_)
 
-    ways = {f"grid_sample/{name}": partial(ours, dtype) for name, dtype in DTYPES.items()}
-    ways |= {f"torchvision/{name}": partial(theirs, dtype) for name, dtype in DTYPES.items()}
-    yield "deformable sampling", partial(theirs, torch.float64), ways
+    calls = {f"grid_sample/{name}": partial(ours, dtype) for name, dtype in DTYPES.items()}
+    calls |= {f"torchvision/{name}": partial(theirs, dtype) for name, dtype in DTYPES.items()}
+    yield "deformable sampling", partial(theirs, torch.float64), calls
 
 
 def reprojection(device: torch.device) -> Cases:
@@ -78,42 +77,40 @@ def reprojection(device: torch.device) -> Cases:
     inputs = [read().double().to(device) for read in (depth, photo)]
 
     def warped(dtype: torch.dtype, precise: torch.dtype, tensors: bool = False) -> Tensor:
-        here, there = (Camera(c.K.to(precise), c.world_to_camera.to(precise), c.height, c.width) for c in cameras)
-        z, image = (part.to(dtype) for part in inputs)
+        target_camera, source_camera = (camera.to(precise) for camera in cameras)
+        z, image = (tensor.to(dtype) for tensor in inputs)
         # The compiled kernels have no backward pass: inputs that require a gradient are computed by tensors.
-        return reproject(here, z.requires_grad_(tensors), there, image).colour.detach()
+        return reproject(target_camera, z.requires_grad_(tensors), source_camera, image).colour.detach()
 
-    ways = {f"grid_sample/{name}": partial(warped, dtype, torch.float32, True) for name, dtype in DTYPES.items()}
+    calls = {f"grid_sample/{name}": partial(warped, dtype, torch.float32, True) for name, dtype in DTYPES.items()}
     if device.type == "cpu":
-        ways |= {f"compiled/{name}": partial(warped, dtype, torch.float32) for name, dtype in DTYPES.items()}
-    yield "reprojection", partial(warped, torch.float64, torch.float64), ways
+        calls |= {f"compiled/{name}": partial(warped, dtype, torch.float32) for name, dtype in DTYPES.items()}
+    yield "reprojection", partial(warped, torch.float64, torch.float64), calls
     generator = torch.Generator().manual_seed(0)
     rough = inputs[0] * (1 + 0.01 * torch.randn(inputs[0].shape, generator=generator, dtype=torch.float64).to(device))
 
     def smoothed(dtype: torch.dtype, tensors: bool = False) -> Tensor:
         return smooth_depth(rough.to(dtype).requires_grad_(tensors), inputs[1].to(dtype)).detach()
 
-    ways = {"tensors/float32": partial(smoothed, torch.float32, True)}
+    calls = {"tensors/float32": partial(smoothed, torch.float32, True)}
     if device.type == "cpu":
-        ways["compiled/float32"] = partial(smoothed, torch.float32)
-    yield "smoothing of depth", partial(smoothed, torch.float64), ways
-    image, others = (
-        target.read().double().to(device),
-        [view for view in views.references if view.camera is not None],
-    )
+        calls["compiled/float32"] = partial(smoothed, torch.float32)
+    yield "smoothing of depth", partial(smoothed, torch.float64), calls
+    image = target.read().double().to(device)
+    others = [view for view in views.references if view.camera is not None]
     photos = [photo().double().to(device) for view in others if (photo := view.read_photo) is not None]
     all_cameras = [cameras[0], *(view.camera.to(device) for view in others if view.camera is not None)]
 
     def searched(dtype: torch.dtype, tensors: bool = False) -> Tensor:
-        here, *there = (Camera(c.K.to(dtype), c.world_to_camera.to(dtype), c.height, c.width) for c in all_cameras)
-        z, render, *cast_photos = (part.to(dtype) for part in (rough, image, *photos))
-        sources = [Source(*source) for source in zip(there, cast_photos, strict=True)]
-        return refine_depth(here, z.requires_grad_(tensors), render, sources, smooth=False).detach()
+        target_camera, *source_cameras = (camera.to(dtype) for camera in all_cameras)
+        z, render, *cast_photos = (tensor.to(dtype) for tensor in (rough, image, *photos))
+        sources = [Source(*source) for source in zip(source_cameras, cast_photos, strict=True)]
+        return refine_depth(target_camera, z.requires_grad_(tensors), render, sources, smooth=False).detach()
 
-    ways = {"tensors/float32": partial(searched, torch.float32, True)}
+    calls = {"tensors/float32": partial(searched, torch.float32, True)}
     if device.type == "cpu":
-        ways["compiled/float32"] = partial(searched, torch.float32)
-    yield "search of depth", partial(searched, torch.float64), ways
+        calls["compiled/float32"] = partial(searched, torch.float32)
+    yield "search of depth", partial(searched, torch.float64), calls
 
 
 def resampling(device: torch.device) -> Cases:
@@ -128,15 +125,15 @@ def resampling(device: torch.device) -> Cases:
         rows, columns = (resampling_matrix(side, *resampling_options).to(dtype) for side in (height, width))
         return rows @ image.to(dtype) @ columns.mT
 
-    ways = {f"positions in float64/{name}": partial(by_matrix, dtype, torch.float64) for name, dtype in DTYPES.items()}
-    ways["positions in float32/float32"] = partial(by_matrix, torch.float32, torch.float32)
-    yield "resize, down and up", partial(by_matrix, torch.float64, torch.float64), ways
+    calls = {f"positions in float64/{name}": partial(by_matrix, dtype, torch.float64) for name, dtype in DTYPES.items()}
+    calls["positions in float32/float32"] = partial(by_matrix, torch.float32, torch.float32)
+    yield "resize, down and up", partial(by_matrix, torch.float64, torch.float64), calls
 
     def larger(dtype: torch.dtype) -> Tensor:
         return F.interpolate(image.to(dtype), scale_factor=4, mode="bicubic", align_corners=False)
 
-    ways = {f"interpolate/{name}": partial(larger, dtype) for name, dtype in DTYPES.items()}
-    yield "enlarge 4 times", partial(larger, torch.float64), ways
+    calls = {f"interpolate/{name}": partial(larger, dtype) for name, dtype in DTYPES.items()}
+    yield "enlarge 4 times", partial(larger, torch.float64), calls
     shape = (torch.full((1, 1), value, dtype=torch.float64, device=device) for value in (2.0, 0.8, 0.5))
     kernel = oriented_kernels(*shape)[0]
     side = kernel.shape[-1]
@@ -147,13 +144,13 @@ def resampling(device: torch.device) -> Cases:
 
     def transformed(dtype: torch.dtype) -> Tensor:
         size = tuple(padded.shape[-2:])
-        spectra = (torch.fft.rfft2(part.to(dtype), s=size) for part in (padded, kernel.flip(-1, -2)))
+        spectra = (torch.fft.rfft2(tensor.to(dtype), s=size) for tensor in (padded, kernel.flip(-1, -2)))
         product = math.prod(spectra, start=torch.ones((), device=device))
         return torch.fft.irfft2(product, s=size)[..., side - 1 :, side - 1 :]
 
-    ways = {f"convolution/{name}": partial(convolved, dtype) for name, dtype in DTYPES.items()}
-    ways["Fourier/float32"] = partial(transformed, torch.float32)
-    yield "blur", partial(convolved, torch.float64), ways
+    calls = {f"convolution/{name}": partial(convolved, dtype) for name, dtype in DTYPES.items()}
+    calls["Fourier/float32"] = partial(transformed, torch.float32)
+    yield "blur", partial(convolved, torch.float64), calls
 
 
 def latent(device: torch.device) -> Cases:
@@ -184,16 +181,14 @@ def latent(device: torch.device) -> Cases:
             )
             return models[dtype](noisy, network_time.to(dtype), features)
 
-        factors = Sampler(steps)(
-            predict, Factors(initial_noise.vector.to(dtype), initial_noise.grid.to(dtype)), schedule, ()
-        )
+        factors = Sampler(steps)(predict, initial_noise.to(dtype), schedule, ())
         return torch.cat([factors.vector.flatten(), factors.grid.flatten()])
 
-    ways = {f"cosine/{n} steps": partial(sampled, torch.float32, cosine_schedule, n) for n in (1, 2, 4, 8, 16, 32)}
-    ways |= {f"linear/{n} steps": partial(sampled, torch.float32, LinearSchedule(), n) for n in (1, 2, 4, 8, 16, 32)}
-    ways |= {f"cosine in bfloat16/{n} steps": partial(sampled, torch.bfloat16, cosine_schedule, n) for n in (4, 8, 16)}
-    ways["cosine in float64/256 steps"] = partial(sampled, torch.float64, cosine_schedule, FINEST // 2)
-    yield "latent sampler", partial(sampled, torch.float64, cosine_schedule, FINEST), ways
+    calls = {f"cosine/{n} steps": partial(sampled, torch.float32, cosine_schedule, n) for n in (1, 2, 4, 8, 16, 32)}
+    calls |= {f"linear/{n} steps": partial(sampled, torch.float32, LinearSchedule(), n) for n in (1, 2, 4, 8, 16, 32)}
+    calls |= {f"cosine in bfloat16/{n} steps": partial(sampled, torch.bfloat16, cosine_schedule, n) for n in (4, 8, 16)}
+    calls["cosine in float64/256 steps"] = partial(sampled, torch.float64, cosine_schedule, FINEST // 2)
+    yield "latent sampler", partial(sampled, torch.float64, cosine_schedule, FINEST), calls
 
 
 def networks(device: torch.device) -> Cases:
@@ -212,8 +207,8 @@ def networks(device: torch.device) -> Cases:
                 result: Tensor = network(inputs)
             return result
 
-        ways = {f"autocast/{dtype}": partial(enhanced, DTYPES[dtype]) for dtype in DTYPES}
-        yield f"network {name}", partial(_run_network, precise, exact), ways
+        calls = {f"autocast/{dtype}": partial(enhanced, DTYPES[dtype]) for dtype in DTYPES}
+        yield f"network {name}", partial(_run_network, precise, exact), calls
 
 
 def _run_network(network: torch.nn.Module, inputs: object) -> Tensor:

@@ -4,7 +4,6 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import torch
 from rich.console import Console
@@ -26,25 +25,24 @@ class Computation:
     Args:
         name: what is computed.
         reference: the computation in float64.
-        ways: functions by "implementation/dtype" (or another varied option); each is called once per repeat.
+        variants: functions by "implementation/dtype" (or another varied option); each is called once per repeat.
     """
 
     name: str
     reference: Callable[[], Tensor]
-    ways: Mapping[str, Callable[[], Tensor]]
+    variants: Mapping[str, Callable[[], Tensor]]
 
 
 def all_cases(device: torch.device) -> Iterator[Computation]:
-    """Yield every case; inputs are made lazily."""
+    """Every case; inputs are made lazily."""
     kernels = (rasterisers, deformable, reprojection, resampling, latent, networks)
-    for name, reference, ways in (case for kernel in kernels for case in kernel(device)):
-        yield Computation(name, reference, ways)
+    return (Computation(*case) for kernel in kernels for case in kernel(device))
 
 
 def numeric_records(
     repeats: int, names: Sequence[str] | None, device: torch.device, console: Console, seconds: float = math.inf
 ) -> Iterator[Record]:
-    """One record per way: relative error, largest error, time with quartiles; the reason if a way fails.
+    """One record per variant: relative error, largest error, time with quartiles; the reason if a variant fails.
 
     Args:
         repeats: largest number of repeats of each time.
@@ -69,38 +67,34 @@ def case_records(case: Computation, repeats: int, device: torch.device, seconds:
     """The records of one case; arguments as in `numeric_records`."""
     reference, seconds_per_round = case.reference().double(), 0.0
     errors: dict[str, tuple[float, float]] = {}
-    for way, call in case.ways.items():
+    for variant, call in case.variants.items():
         try:
             started = time.perf_counter()
             result = call().double()
             seconds_per_round += time.perf_counter() - started
-            errors[way] = errors_of(result, reference)
+            errors[variant] = errors_of(result, reference)
         except (RuntimeError, NotImplementedError, InputError) as error:
             reason = reason_of(error).splitlines()[0]
-            yield missing_record(way, reason, scene=case.name)
-    calls = {way: partial(_call_and_discard, case.ways[way]) for way in errors}
+            yield missing_record(variant, reason, scene=case.name)
+    calls = {variant: case.variants[variant] for variant in errors}
     repeats = repeats if seconds_per_round * repeats <= seconds else max(1, int(seconds / seconds_per_round))
     times = time_interleaved(calls, repeats, 0, device)  # no warm-up: each was called once above
     protocol = f"{device_description(device)}: median and quartiles of {repeats} interleaved repeats; relative error: "
     protocol += "root mean square of the difference from float64 over that of float64's result"
-    for way, (relative, largest) in errors.items():
-        low, high = times[way].quartiles
+    for variant, (relative, largest) in errors.items():
+        low, high = times[variant].quartiles
         metrics: dict[str, float | None] = {"relative_error": relative, "largest_error": largest}
-        metrics |= {"milliseconds": times[way].milliseconds, "lower_quartile": low, "upper_quartile": high}
-        yield Record(KIND, "", case.name, "", "", way, metrics, protocol=protocol)
+        metrics |= {"milliseconds": times[variant].milliseconds, "lower_quartile": low, "upper_quartile": high}
+        yield Record(KIND, "", case.name, "", "", variant, metrics, protocol=protocol)
 
 
-def errors_of(found: Tensor, true: Tensor) -> tuple[float, float]:
+def errors_of(result: Tensor, reference: Tensor) -> tuple[float, float]:
     """Relative root mean square error and largest absolute error; infinite if a value is not finite.
 
     Args:
-        found: the result.
-        true: the reference, of the same shape, not all zero.
+        result: the result.
+        reference: the reference, of the same shape, not all zero.
     """
-    difference = (found - true).nan_to_num(nan=torch.inf, posinf=torch.inf, neginf=torch.inf).abs()
-    relative = (difference.square().mean() / true.square().mean()).sqrt()
+    difference = (result - reference).nan_to_num(nan=torch.inf, posinf=torch.inf, neginf=torch.inf).abs()
+    relative = (difference.square().mean() / reference.square().mean()).sqrt()
     return float(relative), float(difference.max())
-
-
-def _call_and_discard(call: Callable[[], Tensor]) -> None:
-    call()

@@ -29,13 +29,13 @@ def rasterisers(device: torch.device) -> Cases:
     for method in methods:
         splat = _cloud(2 if isinstance(method, TwoDGS) else 3, isinstance(method, MipSplatting)).to(device)
         camera = identity_camera(*FEW, float(FEW[1])).to(device)
-        for name, way in (("forward", _rendered_image), ("backward", _parameter_gradients)):
+        for name, compute in (("forward", _rendered_image), ("backward", _parameter_gradients)):
             kernel = "kernels" if device.type == "cpu" else "gsplat"
-            ways = {f"{kernel}/float32": partial(way, render, splat.to(torch.float32), camera, method)}
+            calls = {f"{kernel}/float32": partial(compute, render, splat.to(torch.float32), camera, method)}
             for dtype in DTYPES:
-                ways[f"plain twin/{dtype}"] = partial(way, render_oracle, splat.to(DTYPES[dtype]), camera, method)
-            reference = partial(way, render_oracle, splat.to(torch.float64), camera, method)
-            yield f"{method.name}, {name}", reference, ways
+                calls[f"plain twin/{dtype}"] = partial(compute, render_oracle, splat.to(DTYPES[dtype]), camera, method)
+            reference = partial(compute, render_oracle, splat.to(torch.float64), camera, method)
+            yield f"{method.name}, {name}", reference, calls
 
 
 def _cloud(axes: int, smoothed: bool) -> Gaussians:
@@ -54,7 +54,7 @@ def _cloud(axes: int, smoothed: bool) -> Gaussians:
 def _rendered_image(draw: Draw, splat: Gaussians, camera: Camera, method: Method) -> Tensor:
     """Colour and opacity of one view."""
     with torch.no_grad():
-        rendered = draw(splat, _cast_camera(camera, splat.means.dtype), method)
+        rendered = draw(splat, camera.to(splat.means.dtype), method)
     return torch.cat([rendered.colour, rendered.alpha])
 
 
@@ -62,10 +62,6 @@ def _parameter_gradients(draw: Draw, splat: Gaussians, camera: Camera, method: M
     """The gradient of the view's summed squared colours with respect to all parameters of the splat."""
     names = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
     leaves = {name: getattr(splat, name).detach().requires_grad_() for name in names}
-    rendered = draw(replace(splat, **leaves), _cast_camera(camera, splat.means.dtype), method)
+    rendered = draw(replace(splat, **leaves), camera.to(splat.means.dtype), method)
     rendered.colour.square().sum().backward()
     return torch.cat([leaf.grad.double().flatten() for leaf in leaves.values() if leaf.grad is not None])
-
-
-def _cast_camera(camera: Camera, dtype: torch.dtype) -> Camera:
-    return Camera(camera.K.to(dtype), camera.world_to_camera.to(dtype), camera.height, camera.width)

@@ -25,7 +25,7 @@ class SettingSummary:
         dssim: 1 - SSIM, mean over views.
         perceptual: LPIPS by name, mean over views; distances that a view lacks are left out.
         memory: largest peak in megabytes; None if it was not measured.
-        compiling: largest time of compilation in seconds; None if nothing was compiled.
+        compile_seconds: largest time of compilation in seconds; None if nothing was compiled.
         views: number of views.
         megapixels: of an output image, median over views.
     """
@@ -39,7 +39,7 @@ class SettingSummary:
     dssim: float
     perceptual: Mapping[str, float] = field(default_factory=dict)
     memory: float | None = None
-    compiling: float | None = None
+    compile_seconds: float | None = None
     views: int = 0
     megapixels: float = 0.0
 

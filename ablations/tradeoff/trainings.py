@@ -72,12 +72,12 @@ def _records(folder: Path, cfg: DictConfig, variant: str) -> Iterator[Record]:
     gains, ssim_gains, seconds_by_step = (_points(curves.get(name)) for name in ("gain/psnr", "gain/ssim", CLOCK))
     # A validation between steps is logged with the index of the step before it, the final one with the number of
     # steps. Of two with equal numbers of finished steps, the later one is taken.
-    for done, step in {min(steps, step + 1): step for step in sorted(gains)}.items():
-        logged_step = max((at for at in seconds_by_step if at <= step), default=None)
-        seconds = 60 * minutes * done / steps if logged_step is None else seconds_by_step[logged_step]
+    for finished_steps, step in {min(steps, step + 1): step for step in sorted(gains)}.items():
+        logged_step = max((logged for logged in seconds_by_step if logged <= step), default=None)
+        seconds = 60 * minutes * finished_steps / steps if logged_step is None else seconds_by_step[logged_step]
         metrics: dict[str, float | None] = {
             "gain_psnr": gains[step],
-            "samples": float(batch * done),
+            "samples": float(batch * finished_steps),
             "seconds": seconds,
         }
         if step in ssim_gains:
@@ -85,7 +85,7 @@ def _records(folder: Path, cfg: DictConfig, variant: str) -> Iterator[Record]:
         protocol = (
             f"gains over the raw render of validation runs; {SPREAD if logged_step is None else 'seconds as logged'}"
         )
-        place = (KIND, folder.name, "validation", "", str(int(done)), variant)
+        place = (KIND, folder.name, "validation", "", str(int(finished_steps)), variant)
         yield Record(*place, metrics, protocol=protocol, seed=seed, sources=sources)
 
 

@@ -8,7 +8,7 @@ from ablations.scripts import depth as depth_study
 from ablations.scripts.depth import (
     FAR,
     SEARCHED,
-    Through,
+    ReplacedDepthWarp,
     exact_depths,
     gains,
     measured,
@@ -68,7 +68,7 @@ def test_stored_depth_given_again_changes_nothing(plane_run):
     kinds = preparations(ReferenceConfig(), {"surface": stored})
     default = "surface, smoothed, searched by photos too"
     assert kinds.keys() == {"surface", "surface, searched", "surface, smoothed, searched", default}
-    assert isinstance(kinds["surface"].warp, Through)
+    assert isinstance(kinds["surface"].warp, ReplacedDepthWarp)
     view, pool = rendered.targets[0], ReferencePool(rendered.references)
     given, usual = (p.align(read_target(view), view, pool) for p in (kinds[default], ReferenceConfig()))
     assert given.names == usual.names

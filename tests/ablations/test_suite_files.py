@@ -8,7 +8,7 @@ import pytest
 from hydra import compose
 from omegaconf import OmegaConf
 
-from ablations.suite.descriptions import asked_names, known_names, read_experiment
+from ablations.suite.descriptions import known_names, read_experiment, requested_names
 from ablations.suite.evaluation import compose_checked
 from ablations.suite.method_runs import Runs
 from gaussian_enhancer.runs.instantiate import build
@@ -53,11 +53,11 @@ def test_the_copy_of_the_papers_numbers_is_as_it_was_transcribed() -> None:
 
 def test_there_are_ten_tables_three_figures_and_our_own_studies() -> None:
     tables = [f"table_{number}" for number in range(1, 11)]
-    assert asked_names("all") == (*tables, "figure_5", "figure_6", "figure_7")
+    assert requested_names("all") == (*tables, "figure_5", "figure_6", "figure_7")
     assert {"gates", "generator", "alignment", "depth", "references", "losses", "sizes", "mode"} <= set(
-        asked_names("studies")
+        requested_names("studies")
     )
-    assert asked_names(["2", 2, "table_2"]) == ("table_2",)
+    assert requested_names(["2", 2, "table_2"]) == ("table_2",)
 
 
 @pytest.mark.parametrize("name", NAMES)

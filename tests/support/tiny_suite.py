@@ -5,7 +5,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from ablations.jobs import tables
-from ablations.suite.descriptions import asked_names, read_experiment
+from ablations.suite.descriptions import read_experiment, requested_names
 from ablations.suite.plan import PlannedRun, plan_runs
 from gaussian_enhancer.metrics.records import read_records
 from support import paths
@@ -32,7 +32,7 @@ def plan(*overrides: str) -> list[PlannedRun]:
     """Every run that the job needs."""
     cfg = configured(*overrides)
     with initialised():
-        return plan_runs(cfg, [read_experiment(name, cfg.scale) for name in asked_names(cfg.table)])
+        return plan_runs(cfg, [read_experiment(name, cfg.scale) for name in requested_names(cfg.table)])
 
 
 def content(folder: Path, name: str = "table_10") -> list[tuple[object, ...]]:

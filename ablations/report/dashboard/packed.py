@@ -34,28 +34,28 @@ class NumberedValues:
         return list(self.numbers)
 
 
-def packed_tables(listed: Sequence[TableRecords]) -> dict[str, Any]:
+def packed_tables(tables: Sequence[TableRecords]) -> dict[str, Any]:
     """Records, tables and metrics of a folder, as plain values for the page's script.
 
     Args:
-        listed: the tables.
+        tables: the tables.
     """
     index_by_key: dict[tuple[str, str], int] = {}
     unique: list[tuple[str, Record]] = []
-    for table_listing in listed:
+    for table_listing in tables:
         for checksum, record in zip(table_listing.checksums, table_listing.records, strict=True):
             key = (checksum, record.time)
             if key not in index_by_key:
                 index_by_key[key] = len(unique)
                 unique.append((checksum, record))
-    keys = {name for table_listing in listed for name in table_listing.table.metrics} | {
+    keys = {name for table_listing in tables for name in table_listing.table.metrics} | {
         name for _, r in unique for name in r.metrics
     }
     metrics = quantities(keys)
     return {
         "metrics": [_metric(metric) for metric in metrics],
         **_columns(unique, [metric.key for metric in metrics]),
-        "tables": [_table(table_listing, index_by_key) for table_listing in listed],
+        "tables": [_table(table_listing, index_by_key) for table_listing in tables],
     }
 
 
@@ -82,10 +82,11 @@ def _columns(unique: Sequence[tuple[str, Record]], metrics: Sequence[str]) -> di
     }
 
 
-def _table(one: TableRecords, places: Mapping[tuple[str, str], int]) -> dict[str, Any]:
+def _table(listing: TableRecords, index_by_key: Mapping[tuple[str, str], int]) -> dict[str, Any]:
     """A table's description and lines; its records as indices into all records."""
-    table, records = one.table, one.records
-    record_indices = [places[checksum, record.time] for checksum, record in zip(one.checksums, records, strict=True)]
+    table, records = listing.table, listing.records
+    keys = zip(listing.checksums, (record.time for record in records), strict=True)
+    record_indices = [index_by_key[key] for key in keys]
     baseline_indices, results = match_baselines(table, records), Results(table, records)
     blocks = NumberedValues()
     return {
@@ -95,8 +96,8 @@ def _table(one: TableRecords, places: Mapping[tuple[str, str], int]) -> dict[str
         "seeds": table.seeds,
         "rows": {name: _described(dataclasses.asdict(method)) for name, method in table.methods.items()},
         "datasets": {name: dataclasses.asdict(dataset) for name, dataset in table.datasets.items()},
-        "absent": one.absent,
-        "digest": one.digest,
+        "absent": listing.absent,
+        "digest": listing.digest,
         "records": record_indices,
         "baseline_of": [[record_indices[place] for place in indices] for indices in baseline_indices],
         "block_of": [blocks.number(block_of(table, record)) for record in records],

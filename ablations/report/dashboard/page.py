@@ -39,7 +39,7 @@ POLICY = "img-src data: file: 'self'; style-src 'unsafe-inline'; script-src 'uns
 def write_dashboard(
     path: str | Path,
     title: str,
-    listed: Sequence[TableRecords],
+    tables: Sequence[TableRecords],
     runs: Sequence[SourceRun] = (),
     pictures: ShownImages | None = None,
     studies: Sequence[StudyView] = (),
@@ -49,7 +49,7 @@ def write_dashboard(
     Args:
         path: the HTML file; written atomically.
         title: the page's title.
-        listed: tables and their records.
+        tables: tables and their records.
         runs: the runs that the records name.
         pictures: pictures that were copied beside the page.
         studies: further studies, whose diagrams were copied beside the page.
@@ -57,26 +57,26 @@ def write_dashboard(
     Raises:
         InputError: the file cannot be written.
     """
-    text = document(title, listed, runs, pictures, studies)
+    text = document(title, tables, runs, pictures, studies)
     write_text(path, text)
 
 
 def document(
     title: str,
-    listed: Sequence[TableRecords],
+    tables: Sequence[TableRecords],
     runs: Sequence[SourceRun] = (),
     pictures: ShownImages | None = None,
     studies: Sequence[StudyView] = (),
 ) -> str:
     """The page's HTML; arguments as in `write_dashboard`."""
-    data = {**packed_tables(listed), **packed_runs(runs), **(pictures or ShownImages()).packed()}
+    data = {**packed_tables(tables), **packed_runs(runs), **(pictures or ShownImages()).packed()}
     data["studies"] = [study.to_plain_values() for study in studies]
-    records = all_records(listed)
+    records = all_records(tables)
     missing = sum(record.kind == MISSING for record in records)
     missing_note = f" · {missing} of them of what is missing" if missing else ""
     values = {
         "title": title,
-        "subtitle": f"{_counted(len(listed), 'table')} · {_counted(len(records), 'record')}{missing_note}",
+        "subtitle": f"{_counted(len(tables), 'table')} · {_counted(len(records), 'record')}{missing_note}",
         "data": data,
         "package": PACKAGE,
         "policy": POLICY,

@@ -59,21 +59,21 @@ class ShownImages:
         return {"pictures": [vars(view) for view in self.shown], "pictures_missing": dict(self.missing)}
 
 
-def copy_pictures(listed: Sequence[TableRecords], runs: Path, output: Path, most: int = 2) -> ShownImages:
+def copy_pictures(tables: Sequence[TableRecords], runs: Path, output: Path, count: int = 2) -> ShownImages:
     """Copy a few views of every scene and splat from the enhanced runs that records name.
 
     Of a method with several seeds, the first seed is shown. Views are spread evenly over the measured ones.
 
     Args:
-        listed: tables and their records.
+        tables: tables and their records.
         runs: folder of the runs.
         output: folder of the page; files are written to its subfolder ``images``, named by the hash of their content.
-        most: largest number of views per scene, splat and method.
+        count: largest number of views per scene, splat and method.
 
     Raises:
         InputError: the folder cannot be written.
     """
-    chosen = _choose_records(listed, most)
+    chosen = _choose_records(tables, count)
     views: dict[tuple[str, str, str], ShownView] = {}
     missing: dict[str, str] = {}
     for (scene, splat, method), (title, records) in chosen.items():
@@ -98,10 +98,10 @@ def copy_pictures(listed: Sequence[TableRecords], runs: Path, output: Path, most
     return ShownImages(complete, missing)
 
 
-def _choose_records(listed: Sequence[TableRecords], most: int) -> dict[tuple[str, str, str], tuple[str, list[Record]]]:
+def _choose_records(tables: Sequence[TableRecords], count: int) -> dict[tuple[str, str, str], tuple[str, list[Record]]]:
     """Title and records to show, by scene, splat and method; a method in two tables with the same run is shown once."""
     shown_records: dict[tuple[str, str, str], tuple[str, list[Record]]] = {}
-    for table_listing in listed:
+    for table_listing in tables:
         members: dict[tuple[str, str, str], list[Record]] = {}
         for record in table_listing.records:
             method = table_listing.table.methods.get(record.variant)
@@ -118,14 +118,14 @@ def _choose_records(listed: Sequence[TableRecords], most: int) -> dict[tuple[str
             ):
                 key = (scene, splat, f"{table_listing.table.name}/{method_name}")
                 title = f"{title} ({table_listing.table.name})"
-            shown_records.setdefault(key, (title, _pick_evenly(seed_records, most)))
+            shown_records.setdefault(key, (title, _pick_evenly(seed_records, count)))
     return shown_records
 
 
-def _pick_evenly(records: Sequence[Record], most: int) -> list[Record]:
-    if len(records) <= most:
+def _pick_evenly(records: Sequence[Record], count: int) -> list[Record]:
+    if len(records) <= count:
         return list(records)
-    return [records[round((2 * i + 1) * (len(records) - 1) / (2 * most))] for i in range(most)]
+    return [records[round((2 * i + 1) * (len(records) - 1) / (2 * count))] for i in range(count)]
 
 
 def _last_step_folder(folder: Path) -> Path | None:
@@ -134,10 +134,10 @@ def _last_step_folder(folder: Path) -> Path | None:
     return max(steps)[1] if steps else None
 
 
-def _copy_view(view: ShownView, method: str, title: str, side: Path, name: str, output: Path) -> str:
+def _copy_view(view: ShownView, method: str, title: str, step_folder: Path, name: str, output: Path) -> str:
     """Copy a view's files; returns which file is missing, or an empty text."""
-    sources = {key: side / part / name for key, part in PARTS.items() if key not in view.files}
-    sources[method] = side / "enhanced" / name
+    sources = {key: step_folder / subfolder / name for key, subfolder in PARTS.items() if key not in view.files}
+    sources[method] = step_folder / "enhanced" / name
     for key, source in sources.items():
         if not source.is_file():
             if key != "photo":

@@ -95,7 +95,7 @@ def read_study(name: str, records: Path, diagrams: Path, output: Path, aims: Pla
     tables = {
         "tradeoff": _tradeoff_tables,
         "stability": _stability_tables,
-        "plan": lambda own: _plan_tables(own, aims),
+        "plan": lambda plan_records: _plan_tables(plan_records, aims),
     }[name](study_records)
     files = sorted(diagrams.glob("*.svg")) if diagrams.is_dir() else [diagrams] if diagrams.is_file() else []
     return StudyView(name, NOTES[name][1], copy_diagrams(files, output), tables)

@@ -6,7 +6,7 @@ import math
 import pytest
 import torch
 
-from ablations.ibgs.sources import LEAST, SourceChoice, Sources, exposure_map, mapped_colours, surface_points
+from ablations.ibgs.sources import MIN_PIXELS, SourceChoice, Sources, exposure_map, mapped_colours, surface_points
 from gaussian_enhancer.align.references import ReferencePool, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.rendered import RenderedView
@@ -109,8 +109,8 @@ def test_exposure_is_the_map_onto_the_nearest_photo_that_shows_enough():
     maps = torch.eye(3, 4) + 0.2 * torch.rand(2, 3, 4, generator=generator)
     photos = mapped_colours(render, maps[0]), mapped_colours(render, maps[1])
     visible = torch.zeros(2, 1, 32, 32, dtype=torch.bool)
-    visible[0, 0].view(-1)[: LEAST - 1] = True
-    visible[1, 0].view(-1)[:LEAST] = True
+    visible[0, 0].view(-1)[: MIN_PIXELS - 1] = True
+    visible[1, 0].view(-1)[:MIN_PIXELS] = True
     torch.testing.assert_close(exposure_map(render, seen_by(torch.stack(photos), visible)), maps[1])
     visible[0] = True
     torch.testing.assert_close(exposure_map(render, seen_by(torch.stack(photos), visible)), maps[0])

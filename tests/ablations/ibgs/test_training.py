@@ -65,10 +65,10 @@ def test_training_sees_each_training_view_with_the_others_as_sources_and_no_held
     assert len(views) == len(rendered.references)
     for view, one in zip(rendered.references, views, strict=True):
         assert torch.equal(one.photo, view.read_photo())
-        assert torch.equal(one.seen.render[0], view.read())
-        visible = one.seen.visible[0]
+        assert torch.equal(one.inputs.render[0], view.read())
+        visible = one.inputs.visible[0]
         assert visible.any()
-        same = (one.seen.colours[0] == one.photo).all(1, keepdim=True) & visible
+        same = (one.inputs.colours[0] == one.photo).all(1, keepdim=True) & visible
         assert same.sum() < 0.01 * visible.sum()
 
 
@@ -112,7 +112,7 @@ def test_what_is_written_is_read_again(plane_run, tmp_path):
     trained.save(tmp_path / WEIGHTS)
     found = TrainedResidual.load(tmp_path / WEIGHTS)
     assert (found.fit, found.step, found.settings, found.choice) == ("plane-0", 100, FEW, SourceChoice(angle=20.0))
-    seen = views[0].seen
+    seen = views[0].inputs
     images = [corrected(one.network, seen, views[0].exposure[None]) for one in (trained, found)]
     torch.testing.assert_close(*images, atol=2e-3, rtol=0)
 
@@ -130,12 +130,12 @@ def test_the_job_trains_once_and_convergence_measures_its_network(plane_run, tmp
     assert names == {"plush-50", "plush-100"}
     assert not list((tmp_path / "runs").rglob("checkpoint.pt"))
 
-    found = IBGS.found([f"{tmp_path}/runs/ibgs/*"])
+    found = IBGS.from_patterns([f"{tmp_path}/runs/ibgs/*"])
     assert set(found.trainings) == {(fit.name, 50), (fit.name, 100)}
     with pytest.raises(InputError, match=r"has no training on .* at step 7"):
         found.of(fit, 7)
     with pytest.raises(InputError, match="names no training"):
-        IBGS.found([])
+        IBGS.from_patterns([])
 
     words = ("row_table=same_fits", "methods=[average,ibgs,'ibgs:without_exposure']", f"runs=[{fit}]", "last=true")
     written = (f"records={tmp_path}/found.jsonl", f"page={tmp_path}/page.md")
@@ -155,7 +155,7 @@ def test_two_trainings_on_one_snapshot_are_refused(plane_run, tmp_path):
         (tmp_path / name / "done").write_text(json.dumps({"digest": name}))
         untrained().save(tmp_path / name / WEIGHTS)
     with pytest.raises(InputError, match="of the same fit and step"):
-        IBGS.found([f"{tmp_path}/*"])
+        IBGS.from_patterns([f"{tmp_path}/*"])
 
 
 def test_no_training_views_are_refused(tmp_path: Path):

@@ -49,19 +49,19 @@ def test_plain_background_is_left_out():
 
 def test_patches_of_both_kinds_come_from_the_same_places_whatever_the_renders():
     pairs = [pair("a", "0", 0), pair("a", "0", 0), pair("b", "0", 2)]
-    cut = cut_patches(pairs, size=16, most=3)
+    cut = cut_patches(pairs, size=16, per_pair=3)
     assert torch.equal(cut.simulated, 255 - cut.photo)
     assert torch.equal(cut.real, cut.photo // 2)
     assert cut.views == (("a", "0"), ("b", "0"))
     assert cut.view.tolist() == [0] * 6 + [1] * 3
     assert cut.scene.tolist() == [0] * 6 + [1] * 3
-    other = cut_patches([RenderPair(p.scene, p.view, p.photo, p.photo, p.photo) for p in pairs], size=16, most=3)
+    other = cut_patches([RenderPair(p.scene, p.view, p.photo, p.photo, p.photo) for p in pairs], size=16, per_pair=3)
     assert torch.equal(other.photo, cut.photo)
-    assert not torch.equal(cut_patches(pairs, size=16, most=3, seed=1).photo, cut.photo)
+    assert not torch.equal(cut_patches(pairs, size=16, per_pair=3, seed=1).photo, cut.photo)
 
 
 def test_index_keeps_places_together():
-    cut = cut_patches([pair("a", "0", 0), pair("b", "1", 2)], size=16, most=3)
+    cut = cut_patches([pair("a", "0", 0), pair("b", "1", 2)], size=16, per_pair=3)
     some = cut[torch.tensor([4, 0])]
     assert torch.equal(some.real, some.photo // 2)
     assert some.scene.tolist() == [1, 0]

@@ -59,7 +59,7 @@ def test_a_scene_is_named_by_records_or_by_the_folder(tmp_path):
 def test_every_snapshot_counts_and_runs_share_evenly(runs):
     everything = real_renders(runs)
     assert len(everything) == 2 * 2 * 3
-    some = real_renders(runs, most=4)
+    some = real_renders(runs, count=4)
     assert [one.scene for one in some] == ["plane_0"] * 2 + ["plane_1"] * 2
     names = [(one.scene, one.target.name, id(one.splat)) for one in everything]
     assert len(set(names)) == len(names)

@@ -71,7 +71,7 @@ def test_being_behind_in_one_metric_is_missed_even_where_cells_are_missing() -> 
     behind = study(("dense", "ours", 1.2, -0.01), ("dense", "other", 1.0, -0.02), missing=(gap("sparse", "ours"),))
     (one,) = [v for v in verdicts(behind, "ours", AIMS) if v.aim.startswith("ahead")]
     assert one.met is False
-    assert "other (lpips_alex +0.010)" in one.found
+    assert "other (lpips_alex +0.010)" in one.finding
 
 
 def test_what_is_missing_leaves_aims_open() -> None:

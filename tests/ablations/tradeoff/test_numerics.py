@@ -30,12 +30,12 @@ def test_a_case_is_recorded_way_by_way_and_failures_say_why(tmp_path) -> None:
         raise RuntimeError("not in this dtype\nstack")
 
     true = torch.full((4,), 2.0, dtype=torch.float64)
-    ways = {
+    calls = {
         "ours/float32": lambda: true.float() + 1.0,
         "theirs/float16": failing,
         "wild/float16": lambda: true * math.nan,
     }
-    records = {r.variant: r for r in case_records(Computation("a kernel", lambda: true, ways), 3, CPU)}
+    records = {r.variant: r for r in case_records(Computation("a kernel", lambda: true, calls), 3, CPU)}
     assert records["ours/float32"].metrics["relative_error"] == 0.5
     assert 0 <= records["ours/float32"].metrics["lower_quartile"] <= records["ours/float32"].metrics["milliseconds"]
     assert records["theirs/float16"].reasons["row"] == "RuntimeError: not in this dtype"
@@ -70,21 +70,21 @@ def test_an_unknown_case_is_refused(monkeypatch) -> None:
         list(numeric_records(1, ["colours"], CPU, Console(quiet=True)))
 
 
-def error_of(cases, name: str, way: str) -> float:
-    for found, reference, ways in cases:
+def error_of(cases, name: str, call: str) -> float:
+    for found, reference, calls in cases:
         if found == name:
-            return errors_of(ways[way]().double(), reference().double())[0]
+            return errors_of(calls[call]().double(), reference().double())[0]
     raise AssertionError(name)
 
 
 def test_single_precision_and_implementations_are_as_exact_as_they_should_be() -> None:
     assert 0 < error_of(rasterisers(CPU), "3dgs, forward", "kernels/float32") < 1e-5
-    for way, least, most in (
+    for call, least, most in (
         ("grid_sample/float32", 1e-9, 1e-5),
         ("torchvision/float32", 1e-9, 1e-5),
         ("grid_sample/bfloat16", 1e-4, 0.2),
     ):
-        assert least < error_of(deformable(CPU), "deformable sampling", way) < most
+        assert least < error_of(deformable(CPU), "deformable sampling", call) < most
     assert error_of(resampling(CPU), "blur", "Fourier/float32") < 1e-5  # another way to the same
     assert error_of(resampling(CPU), "blur", "convolution/float32") < 1e-6
     single, double = (f"positions in {name}/float32" for name in ("float32", "float64"))
@@ -94,10 +94,10 @@ def test_single_precision_and_implementations_are_as_exact_as_they_should_be() -
 
 def test_more_steps_of_the_latent_sampler_come_closer(monkeypatch) -> None:
     monkeypatch.setattr(kernels, "FINEST", 128)
-    ((_, reference, ways),) = latent(CPU)
+    ((_, reference, calls),) = latent(CPU)
     true = reference()
-    errors = [errors_of(ways[f"cosine/{steps} steps"]().double(), true)[0] for steps in (1, 4, 16, 32)]
+    errors = [errors_of(calls[f"cosine/{steps} steps"]().double(), true)[0] for steps in (1, 4, 16, 32)]
     assert errors == sorted(errors, reverse=True)
     assert errors[-1] < 0.5 * errors[1]
-    linear = errors_of(ways["linear/32 steps"]().double(), true)[0]
+    linear = errors_of(calls["linear/32 steps"]().double(), true)[0]
     assert linear < errors[0]

@@ -129,7 +129,7 @@ def test_a_damaged_log_is_refused_by_name(tmp_path: Path) -> None:
 
 def test_pictures_are_copied_once_at_their_size(listed: tuple[TableRecords, ...], tmp_path: Path) -> None:
     runs = write_runs(tmp_path / "runs")
-    found = copy_pictures(listed, runs, tmp_path / "page", most=2)
+    found = copy_pictures(listed, runs, tmp_path / "page", count=2)
     assert sorted({view.scene for view in found.shown}) == sorted({NASTY, "yard"})
     assert len(found.shown) == 4
     for view in found.shown:
@@ -148,7 +148,7 @@ def test_large_pictures_become_jpeg_of_the_same_size(
     listed: tuple[TableRecords, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("ablations.report.dashboard.pictures.LARGEST_COPY", 10)
-    found = copy_pictures(listed, write_runs(tmp_path / "runs"), tmp_path / "page", most=1)
+    found = copy_pictures(listed, write_runs(tmp_path / "runs"), tmp_path / "page", count=1)
     file = tmp_path / "page" / found.shown[0].files["gepp"]
     with Image.open(file) as picture:
         assert (file.suffix, picture.format, picture.size) == (".jpg", "JPEG", (24, 16))
