@@ -24,7 +24,7 @@ from torch.utils._pytree import tree_leaves
 
 from ablations.benchmarks.networks import counted, example
 from gaussian_enhancer.align.references import ReferenceConfig
-from gaussian_enhancer.errors import InputError, refuse_unknown
+from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.weights import Pretrained, load_weights
@@ -69,7 +69,9 @@ def names(cfg: DictConfig) -> tuple[str, ...]:
         InputError: one is unknown.
     """
     known_names = (*cfg.ours, *cfg.published)
-    refuse_unknown("networks", cfg.networks, known_names)
+    for name in cfg.networks or ():
+        if name not in known_names:
+            raise InputError("networks", f"names {name!r}", f"choose among {', '.join(known_names)}")
     return tuple(name for name in known_names if cfg.networks is None or name in cfg.networks)
 
 

@@ -118,11 +118,8 @@ def fused(call: Callable[[], object]) -> object:
 def _compiled(views: NetworkInput) -> Iterator[Trial]:
     """Trials of compiled kernels against their twins on tensors."""
     height, width = views.render.shape[-2:]
-    image, opaque, visibility = (
-        torch.rand(1, 3, height, width),
-        torch.ones(1, 1, height, width),
-        torch.ones(1, height, width),
-    )
+    image = torch.rand(1, 3, height, width)
+    opaque, visibility = torch.ones(1, 1, height, width), torch.ones(1, height, width)
     yield Trial(
         "colours clamped by a compiled kernel, a row at a time",
         "a third of the time: a window's limits stay in the cache instead of six passes a channel",

@@ -6,7 +6,6 @@ from typing import Any
 
 from omegaconf import DictConfig
 from rich.console import Console
-from yaml import YAMLError  # type: ignore[import-untyped]
 
 from ablations.jobs.plan_study import aims_of
 from ablations.report.dashboard.folder import all_records, read_folder
@@ -65,7 +64,7 @@ def configuration(path: Path) -> Mapping[str, Any]:
     """
     try:
         values = read_yaml(path)
-    except (OSError, ValueError, YAMLError) as error:
+    except InputError as error:
         raise InputError(path, f"cannot be read ({str(error).splitlines()[0]})", "run the job again") from error
     if not isinstance(values, dict):
         raise InputError(path, "is no configuration", "run the job again")

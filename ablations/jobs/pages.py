@@ -3,8 +3,8 @@
 Pages are made in a copy of ``docs/``, in which all paths of ``conf/`` are valid.
 """
 
+import contextlib
 import importlib
-import os
 import shutil
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -56,17 +56,13 @@ def remade(source: Path, folder: Path) -> list[Path]:
         Paths relative to both.
     """
     shutil.copytree(source / DOCS, folder / DOCS)
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
+    with contextlib.chdir(folder):
         for job, *overrides in JOBS:
             importlib.import_module(f"{package_of(job)}.{job}").run(compose(job, overrides))
         write_text("docs/reliability.md", read_page(RESULTS))
         write_text(video.PAGE, video.fill_page(video.PAGE.read_text(encoding="utf-8"), RESULTS))
         front = (source / README).read_text(encoding="utf-8")
         write_text(README, readme.insert_between_marks(front, readme.text(read_records(readme.RECORDS))))
-    finally:
-        os.chdir(before)
     regenerated = [README, *sorted(path.relative_to(folder) for path in (folder / DOCS).rglob("*") if path.is_file())]
     return [path for path in regenerated if not _same(source / path, folder / path)]
 

@@ -67,8 +67,9 @@ def _reported(cfg: DictConfig) -> float | None:
     link = Path(os.path.relpath(source, page.parent)).as_posix()
     write_text(page, quality_page(cfg.title, cfg.about, tables, link))
     print_line(CONSOLE, f"{page}, {source}")
-    first = tables[0].results
-    gains = first.sample(first.pairs, tuple(first.study.methods)[-1], "psnr_aligned", first.study.baseline)
+    results = tables[0].results
+    last_method = tuple(results.study.methods)[-1]
+    gains = results.sample(results.pairs, last_method, "psnr_aligned", results.study.baseline)
     return gains.mean() if gains.values else None
 
 

@@ -116,18 +116,23 @@ def offered(studies: Sequence[TradeoffStudy], records: Iterable[Record]) -> tupl
     Raises:
         InputError: none was measured.
     """
-    settings = {f"{OFFERING}/{own.name}": own for one in studies if one.name == OFFERING for own in one.settings}
-    able = {name for name, one in settings.items() if one.reproducible_by_enhance}
-    own = [record for record in records if record.variant in able and record.scene.startswith(CHOOSING)]
-    if not own:
+    settings = {setting.name: setting for study in studies if study.name == OFFERING for setting in study.settings}
+    candidates = []
+    for record in records:
+        study, _, name = record.variant.partition("/")
+        usable = study == OFFERING and name in settings and settings[name].reproducible_by_enhance
+        if usable and record.scene.startswith(CHOOSING):
+            candidates.append(replace(record, variant=name))
+    if not candidates:
         raise InputError("settings", "have no record to be made from", "gaussian-enhancer tradeoff kind=quality")
+    source = candidates[0].machine, candidates[0].commit
     presets = []
-    for one in summarise(replace(record, variant=record.variant.removeprefix(f"{OFFERING}/")) for record in own)[0]:
-        setting = settings[f"{OFFERING}/{one.name}"]
-        found = (setting.weights, setting.enhance, one.milliseconds, one.psnr, own[0].machine, own[0].commit)
-        presets.append(Preset(one.name, *found))
-    kept = {point.name for point in pareto_front(offer.point for offer in presets)}
-    return tuple(offer for offer in presets if offer.name in kept)
+    for summary in summarise(candidates)[0]:
+        setting = settings[summary.name]
+        preset = Preset(summary.name, setting.weights, setting.enhance, summary.milliseconds, summary.psnr, *source)
+        presets.append(preset)
+    front = {point.name for point in pareto_front(preset.point for preset in presets)}
+    return tuple(preset for preset in presets if preset.name in front)
 
 
 def decibels(value: str | float | int) -> float:
@@ -148,11 +153,11 @@ def milliseconds(value: str | float | int) -> float:
     return _number("tradeoff.budget_ms", value, "ms", "33")
 
 
-def _number(name: str, asked: str | float | int, unit: str, example: str) -> float:
+def _number(name: str, text: str | float | int, unit: str, example: str) -> float:
     try:
-        value = float(str(asked).removesuffix(unit))
+        value = float(str(text).removesuffix(unit))
     except ValueError:
         value = -1.0
     if not 0 <= value < float("inf"):
-        raise InputError(name, f"is {asked!r}", f"give a number of {unit}, for instance {name}={example}")
+        raise InputError(name, f"is {text!r}", f"give a number of {unit}, for instance {name}={example}")
     return value

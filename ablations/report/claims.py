@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from ablations.study.aims import improvement_sign
 from ablations.study.description import FAITHFUL, TableDescription
-from ablations.study.lines import table_lines
+from ablations.study.lines import Number, table_lines
 from ablations.study.rendered_table import SPLATS
 from ablations.study.results import Results
 from ablations.study.statistics import interval
@@ -158,19 +158,17 @@ def _deviations(by_name: Mapping[str, Results]) -> Iterator[Finding]:
             if line.statistic == "std" and table.methods[line.method].mode == "paper":
                 for metric, number in line.numbers.items():
                     context = f"{table.name}, {table.datasets[line.dataset].title}, {quantities({metric})[0].label}"
-                    our_deviation, paper_deviation = number.gain, number.paper_gain
-                    if our_deviation is None or paper_deviation is None or number.seeds < RUNS:
-                        yield (
-                            None,
-                            f"{context}: {number.seeds} runs"
-                            if paper_deviation is not None
-                            else f"{context}: none printed",
-                        )
-                    else:
-                        yield (
-                            our_deviation <= paper_deviation,
-                            f"{context} {our_deviation:.4f} against {paper_deviation:g} ({number.seeds} runs)",
-                        )
+                    yield _compare_deviation(context, number)
+
+
+def _compare_deviation(context: str, number: Number) -> Finding:
+    """Whether our standard deviation is at most the paper's; undecided without the paper's or with too few runs."""
+    ours, paper = number.gain, number.paper_gain
+    if paper is None:
+        return None, f"{context}: none printed"
+    if ours is None or number.seeds < RUNS:
+        return None, f"{context}: {number.seeds} runs"
+    return ours <= paper, f"{context} {ours:.4f} against {paper:g} ({number.seeds} runs)"
 
 
 def _paper_agrees(table: TableDescription, block: str, method: str, other: str, metric: str) -> bool:

@@ -61,7 +61,7 @@ class Target:
         unit: unit of the limit.
         value: returns the measured value; None if it was not measured.
         bound: returns a text on what bounds the value.
-        most: whether the limit is an upper one; else it is a lower one.
+        at_most: whether the limit is an upper one; else it is a lower one.
     """
 
     part: str
@@ -69,15 +69,15 @@ class Target:
     unit: str
     value: Callable[[Sources], float | None]
     bound: Callable[[Sources], str]
-    most: bool = True
+    at_most: bool = True
 
     def line(self, sources: Sources) -> tuple[str, str, str, str, str]:
         """Part, aim, measured value, verdict and bound, as texts."""
         measured = self.value(sources)
-        aim = f"{'at most' if self.most else 'at least'} {self.limit:,g} {self.unit}".rstrip()
+        aim = f"{'at most' if self.at_most else 'at least'} {self.limit:,g} {self.unit}".rstrip()
         if measured is None:
             return self.part, aim, "not measured", "", ""
-        met = measured <= self.limit if self.most else measured >= self.limit
+        met = measured <= self.limit if self.at_most else measured >= self.limit
         return (
             self.part,
             aim,
@@ -119,7 +119,7 @@ def slowest_parts(record: Record | None) -> str:
         return ""
     parts = {name: value for name, value in parts_of(record).items() if name != "read"}
     total = sum(parts.values()) or 1.0
-    slowest = sorted(parts.items(), key=lambda one: -one[1])[:4]
+    slowest = sorted(parts.items(), key=lambda item: -item[1])[:4]
     return ", ".join(f"{name} {value / total:.0%}" for name, value in slowest)
 
 
@@ -160,7 +160,7 @@ def _pipeline_target(part: str, limit: float, unit: str, name: str, size: tuple[
 def _peer_target(name: str, limit: float) -> Target:
     about = "our time holds alignment and all limits to the change, theirs the network alone"
     return Target(
-        f"`lr_tiny`, times as fast as {name}", limit, "", lambda s: times_ours(s, name), lambda _: about, most=False
+        f"`lr_tiny`, times as fast as {name}", limit, "", lambda s: times_ours(s, name), lambda _: about, at_most=False
     )
 
 
@@ -170,7 +170,7 @@ def _better_target(name: str) -> Target:
         return gain_by_method["lr_2500"] - gain_by_method[name] if {"lr_2500", name} <= set(gain_by_method) else None
 
     part = f"PSNR beyond `{name}` at equal budget"
-    return Target(part, 0.0, "dB", value, lambda _: "[quality](results/quality.md)", most=False)
+    return Target(part, 0.0, "dB", value, lambda _: "[quality](results/quality.md)", at_most=False)
 
 
 WIDTHS = "widths of the decoders"

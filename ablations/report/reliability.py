@@ -160,20 +160,12 @@ def _coverage_table(coverage: Sequence[Row]) -> str:
 
 
 def _by_signal(kills: Sequence[Row]) -> str:
-    names = list(dict.fromkeys((row["job"], row["signal"]) for row in kills))
     lines = []
-    for job, signal in sorted(names):
+    for job, signal in sorted({(row["job"], row["signal"]) for row in kills}):
         signal_rows = [row for row in kills if (row["job"], row["signal"]) == (job, signal)]
         writes = sum("write" in row["moment"] for row in signal_rows)
-        lines.append(
-            (
-                f"`{job}`",
-                signal,
-                str(writes),
-                str(len(signal_rows) - writes),
-                *_counts(map(_count_case, signal_rows))[1:],
-            )
-        )
+        handled_and_failed = _counts(map(_count_case, signal_rows))[1:]
+        lines.append((f"`{job}`", signal, str(writes), str(len(signal_rows) - writes), *handled_and_failed))
     return _table(("job", "signal", "at a write", "at any time", "handled", "failed"), lines)
 
 

@@ -26,7 +26,7 @@ COLOURS = {WITHIN: "#4c9a6a", RAISED: "#8fb8de", REFUSED: "#e0b341", FAILED: "#b
 SYMBOLS = {WITHIN: "✓", RAISED: "◐", REFUSED: "⊘", FAILED: "✗"}
 """Symbol by outcome; a pass that a case does not have is shown by a dot."""
 
-_FAULTS = (
+FAULTS = (
     "Found while the matrix was built, by its cells or by reading what a case reaches. Each is fixed; the case and a "
     "test hold it.\n"
 )
@@ -72,12 +72,8 @@ def stability_page(records: Sequence[Record], cases: Sequence[Case], figures: Ma
     if order:
         parts += ["## Order of the latent sampler\n", _order(order, figures["order"])]
     parts += ["## What was refused, and what has failed\n", _refusals_and_failures(cells)]
-    parts += [
-        "## Faults found and fixed\n",
-        _FAULTS,
-    ]
     lines = [(f"`{fault['case']}`", fault["fault"], fault["remedy"]) for fault in faults()]
-    parts += [markdown(frame(("case", "what happened", "now"), lines))]
+    parts += ["## Faults found and fixed\n", FAULTS, markdown(frame(("case", "what happened", "now"), lines))]
     parts += ["## Where the numbers come from\n", sources(records, source)]
     return "\n".join(parts)
 

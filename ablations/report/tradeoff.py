@@ -44,8 +44,10 @@ def write_pages(
                 parts.append(f"![{KINDS[kind]}: {name}]({link}/{name}.svg)\n")
         parts.append(sources(records[kind], f"{link}/{kind}.jsonl", separator="; or "))
     for name, diagram in diagrams.items():
-        yield _write_file(folder / name, diagram)
-    yield _write_file(page, "\n".join(parts))
+        write_text(folder / name, diagram)
+        yield folder / name
+    write_text(page, "\n".join(parts))
+    yield page
 
 
 HEAD = """# Error against run time
@@ -55,13 +57,4 @@ the run time, both logarithmic, taken in one run and in turn. Lower left is bett
 front, and its settings are ringed: nothing else is at once faster and closer. Made from records by
 `gaussian-enhancer tradeoff`.
 """
-KINDS = {
-    "quality": "Enhancement",
-    "training": "Training",
-    "numerics": "Numerics",
-}
-
-
-def _write_file(path: Path, text: str) -> Path:
-    write_text(path, text)
-    return path
+KINDS = {"quality": "Enhancement", "training": "Training", "numerics": "Numerics"}

@@ -71,7 +71,10 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
         InputError: a row is unknown, or runs cannot be used.
     """
     makers, reals = rows(cfg.rows, cfg.generator_weights), chosen(cfg.runs, None, cfg.seed)
-    measure = lambda name: [print_row(compared(name, makers[name], reals, cfg.seed))]  # noqa: E731
+
+    def measure(name: str) -> list[dict]:
+        return [print_row(compared(name, makers[name], reals, cfg.seed))]
+
     return Study(tuple(makers), measure, ("row", "seed"), derived=spreads, option="rows")
 
 

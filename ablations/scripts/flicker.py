@@ -16,9 +16,8 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import torch
@@ -42,6 +41,7 @@ from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.runs.inputs import render_capture
 from gaussian_enhancer.scene.cameras import read_cameras
+from gaussian_enhancer.scene.in_memory import read_once
 from gaussian_enhancer.scene.path import short_tour, smooth_path
 from gaussian_enhancer.scene.procedural.source import ProceduralView
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
@@ -86,7 +86,7 @@ def path_renders(run: Path, cameras: Sequence[Camera]) -> RenderedSet:
     photos = tuple(Photo(f"path_{i:04d}.png", camera, _no_photo) for i, camera in enumerate(cameras))
     path = Scene(scene_of(run), photos, (), tuple(range(len(photos))), fitted.background)
     drawn = render_capture(str(run / "splat.ply"), path, "auto", "test")
-    return RenderedSet(fitted.name, tuple(map(_kept, drawn.targets)), fitted.references, fitted.background)
+    return RenderedSet(fitted.name, tuple(map(_in_memory, drawn.targets)), fitted.references, fitted.background)
 
 
 def rendered_sequence(
@@ -221,16 +221,13 @@ def _no_photo() -> Tensor:
     raise InputError("path", "has no photo", "request renders only")
 
 
-def _kept(view: RenderedView) -> RenderedView:
+def _in_memory(view: RenderedView) -> RenderedView:
     """The view with its pixels in memory, since each is read more than once."""
-    kept: dict[str, Any] = {
-        name: partial(_same, getattr(view, name)()) for name in ("read", "read_depth", "read_alpha")
-    }
-    return dataclasses.replace(view, **kept, read_photo=None)
-
-
-def _same(value: Tensor) -> Tensor:
-    return value
+    view = read_once(dataclasses.replace(view, read_photo=None))
+    for read in (view.read, view.read_depth, view.read_alpha):
+        if read is not None:
+            read()
+    return view
 
 
 def study(cfg: DictConfig, device: torch.device) -> Study[Path]:

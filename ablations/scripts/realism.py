@@ -83,7 +83,10 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
     shared = {render.scene for render in train} & {render.scene for render in test}
     if shared:
         raise InputError("test", f"shares the scene {sorted(shared)[0]} with train", "keep the scenes apart")
-    measure = lambda name: [print_row(compared(name, makers[name], train, test, cfg))]  # noqa: E731
+
+    def measure(name: str) -> list[dict]:
+        return [print_row(compared(name, makers[name], train, test, cfg))]
+
     return Study(tuple(makers), measure, ("row", "seed", "size"), option="rows")
 
 

@@ -99,10 +99,8 @@ def job(
                 measure_and_add(measured_study, file, digest)
         if study.report is not None:
             return study.report()
-        frame, layout = (
-            study.derived(measure_study(study, cfg.records, digest)),
-            TableLayout(**plain_values(cfg.row_table)),
-        )
+        frame = study.derived(measure_study(study, cfg.records, digest))
+        layout = TableLayout(**plain_values(cfg.row_table))
         if cfg.get("page"):
             path = Path(cfg.page)
             write_text(path, page(frame, layout, study.above(frame, path), study.below(path)))
@@ -158,9 +156,8 @@ def measure_and_add(study: Study[Any], file: RowFile, digest: str) -> None:
         part_file = folder / f"{digest_of({'part': str(part)})}.jsonl"
         if not part_file.is_file():
             write_text(part_file, "\n".join(line_of(with_provenance(row)) for row in study.measure(part)))
-        lines += filter(
-            None, part_file.read_text(encoding="utf-8").split("\n")
-        )  # splitlines would also split at other line separators within names
+        # splitlines would also split at other line separators within names
+        lines += filter(None, part_file.read_text(encoding="utf-8").split("\n"))
     shutil.rmtree(folder, ignore_errors=True)
     missing = [row["reasons"].get("row", "") for row in map(json.loads, lines) if row.get("kind") == MISSING]
     if lines and len(missing) == len(lines):

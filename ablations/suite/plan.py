@@ -154,10 +154,8 @@ class _Plan:
     def training(self, experiment: Experiment, method: str, seed: int) -> str:
         """Add the training of a method after its fits and its simulator; returns the training's name."""
         inputs = self.fits(experiment, experiment.learns[method])
-        work, key = (
-            RunSpec("train", experiment.table.name, method=method, seed=seed),
-            train_key(experiment, method, seed),
-        )
+        work = RunSpec("train", experiment.table.name, method=method, seed=seed)
+        key = train_key(experiment, method, seed)
         if self._uses_seed_simulator(experiment, method, seed):
             inputs.append(self.simulator(experiment, seed))
         return self._add(
@@ -242,16 +240,8 @@ class _Plan:
             cfg = configured()
         except InputError as error:
             digest = f"{job} {label} {error}"
-            step = PlannedRun(
-                work,
-                "",
-                label,
-                not_started,
-                inputs,
-                self.estimates.minutes_without_config(job, key, finer),
-                str(error),
-                (),
-            )
+            minutes = self.estimates.minutes_without_config(job, key, finer)
+            step = PlannedRun(work, "", label, not_started, inputs, minutes, str(error), ())
         else:
             digest = run_digest(cfg, job)
             run = find_run(cfg, job)
