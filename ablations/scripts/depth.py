@@ -1,12 +1,11 @@
-"""``gaussian-enhancer depth``: gain with seven kinds of depth.
+"""``gaussian-enhancer depth``: gain with several kinds of depth.
 
-The same weights enhance with references warped through seven kinds of depth: the splat's expected depth and its surface
-(median depth), each unchanged and after the search for its kind (`enhance.depth`); the surface smoothed before the
-search (`enhance.smooth`), once with renders compared with the target's render alone and once with photos compared with
-each other, too; and, in procedural scenes, the exact depth of the world, for target and references. The candidates are
-the same for all rows, and the network always sees the stored depth. Two figures need no network: the PSNR of the best
-warped reference on the pixels that it shows, and the result of adding the splat's residuals in the references,
-render + sum_i w_i (photo_i - render_i) / (sum_i w_i + 0.5) over warped photos and renders,
+The same weights enhance with references warped through several kinds of depth: the splat's expected depth and its
+surface (median depth), each unchanged, after the search for its kind, and smoothed before each search; the surface also
+with photos compared with each other in the search; and, in procedural scenes, the exact depth of the world, for target
+and references. The candidates are the same for all rows, and the network always sees the stored depth. Two figures
+need no network: the PSNR of the best warped reference on the pixels that it shows, and the result of adding the
+splat's residuals in the references, render + sum_i w_i (photo_i - render_i) / (sum_i w_i + 0.5) over warped photos and renders,
 with w_i = visibility x exp(-|render_i - render| / 0.02) and differences averaged over 5x5 visible pixels.
 """
 
@@ -48,6 +47,7 @@ from gaussian_enhancer.types import Camera, quantise_8_bit
 SEARCHED: tuple[tuple[str, str, DepthKind, bool, bool], ...] = (
     ("expected", "expected", "exact", False, False),
     ("expected, searched", "expected", "expected", False, False),
+    ("expected, smoothed, searched", "expected", "expected", True, False),
     ("surface", "surface", "exact", False, False),
     ("surface, searched", "surface", "surface", False, False),
     ("surface, smoothed, searched", "surface", "surface", True, False),

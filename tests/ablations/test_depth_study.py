@@ -54,7 +54,7 @@ def test_the_better_the_depth_the_better_the_references(misplaced):
     found = list(measured(rendered, SetEnhancer(small(), ReferenceConfig(), precision="float32"), depths))
     assert [variant for _, variant, _, _ in found] == ["raw", *ROWS] * len(rendered.targets)
     by = {kind: [m for _, variant, m, _ in found if variant == kind] for kind in ("raw", *ROWS)}
-    for raw, expected, searched, _, surface, *_, exact in zip(*by.values(), strict=True):
+    for raw, expected, searched, _, _, surface, *_, exact in zip(*by.values(), strict=True):
         assert {m["psnr"] for m in (expected, searched, surface, exact)} == {raw["psnr"]}  # the network is untrained
         assert exact["reference_psnr"] > expected["reference_psnr"] + 1
         assert searched["reference_psnr"] > expected["reference_psnr"]

@@ -71,7 +71,7 @@ SCRIPTS = {
     "leave_one_out": "do training views predict how much of the change to apply? docs/results/leave_one_out.md",
     "convergence": "gain by number of fitting steps: docs/results/convergence.md",
     "distil_study": "gain of distilling, compared with the same steps without enhanced views: docs/results/distil.md",
-    "depth": "gain with references warped through seven kinds of depth",
+    "depth": "gain with references warped through several kinds of depth",
     "flicker": "flicker along a camera path, raw and enhanced",
     "already_good": "can blocks that need no change be recognised before enhancement?",
     "realism": "can a classifier tell simulated renders from real ones?",
