@@ -75,15 +75,17 @@ DepthKind = Literal["surface", "expected", "exact"]
 """Kind of a target's depth: "surface" is the splat's median z, "expected" its mean z, which lies between the surfaces
 that blend; "exact" is exact depth."""
 
-SURFACE_SEARCH = Search(
-    0.03, 7, window=7, penalty=0.002, stride=2, inconsistency=1.0, photo_consistency=0.1, large_stride=3
+SURFACE_SEARCHES = (
+    Search(0.03, 7, window=7, penalty=0.002, stride=2, inconsistency=1.0, photo_consistency=0.1, large_stride=4),
+    Search(0.015, 7, penalty=0.002, stride=2, inconsistency=1.0, photo_consistency=0.1, large_stride=4),
 )
 SEARCHES: dict[DepthKind, tuple[Search, ...]] = {
-    "surface": (SURFACE_SEARCH,),
-    "expected": (Search(0.15, 25, large_stride=2), Search(0.01, 7, large_stride=2)),
+    "surface": SURFACE_SEARCHES,
+    "expected": (Search(0.15, 25, stride=2), *SURFACE_SEARCHES),
     "exact": (),
 }
-"""Searches of each kind of depth. A wide search around nearly correct depth finds more wrong than right matches."""
+"""Searches of each kind of depth, one after the other. A wide search around nearly correct depth finds more wrong than
+right matches."""
 
 
 @dataclass(frozen=True)
