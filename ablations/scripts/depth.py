@@ -5,8 +5,8 @@ surface (median depth), each unchanged, after the search for its kind, and smoot
 with photos compared with each other in the search; and, in procedural scenes, the exact depth of the world, for target
 and references. The candidates are the same for all rows, and the network always sees the stored depth. Two figures
 need no network: the PSNR of the best warped reference on the pixels that it shows, and the result of adding the
-splat's residuals in the references, render + sum_i w_i (photo_i - render_i) / (sum_i w_i + 0.5) over warped photos and renders,
-with w_i = visibility x exp(-|render_i - render| / 0.02) and differences averaged over 5x5 visible pixels.
+splat's residuals in the references, render + sum_i w_i (photo_i - render_i) / (sum_i w_i + 0.5) over warped photos and
+renders, with w_i = visibility x exp(-|render_i - render| / 0.02) and differences averaged over 5x5 visible pixels.
 """
 
 import copy

@@ -38,7 +38,7 @@ def test_untrained_returns_the_enlarged_render_bit_for_bit(size, references, fin
 def test_the_second_sees_what_the_first_makes_within_the_evidence():
     seen, first, second = views(), moved(SSIFLR(**SMALL)), moved(SSIFSR(**SMALL))
     bare = first(dataclasses.replace(seen, fine_references=None))
-    kept = clamp_to_references(bare, seen, 3)
+    kept = clamp_to_references(bare, seen, 3, clamp_unseen=True)
     assert not torch.equal(kept, bare)
     for colour_clamping, image in ((3, kept), (0, bare)):
         network = Cascade(first, second, colour_clamping)

@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.network.colour_clamping import clamp_to_references
+from gaussian_enhancer.network.colour_clamping import clamp_to_references, clamp_torch
 from gaussian_enhancer.types import NetworkInput
 
 
@@ -18,14 +18,29 @@ def test_colours_within_reach_stay_and_others_go_to_the_nearest() -> None:
         assert torch.equal(clamp_to_references(torch.full_like(render, value), seen), torch.full_like(render, kept))
 
 
-def test_what_is_not_visible_is_no_evidence() -> None:
+def test_pixels_that_no_reference_shows_are_not_clamped_to_the_render() -> None:
     render, photo = torch.full((2, 3, 4, 8), 0.5), torch.full((2, 1, 3, 4, 8), 0.8)
     visibility = torch.zeros(2, 1, 1, 4, 8)
     visibility[0, ..., 6:] = 1
-    kept = clamp_to_references(torch.ones_like(render), NetworkInput(render, photo, visibility))
-    assert torch.equal(kept[0, :, :, :5], render[0, :, :, :5])
-    assert bool((kept[0, :, :, 5:] == 0.8).all())
-    assert bool((kept[1] == 1).all())  # nothing shows any of it: as where there is no reference
+    image = torch.full_like(render, 1.25)
+    clamped = clamp_to_references(image, NetworkInput(render, photo, visibility))
+    assert bool((clamped[0, :, :, 6:] == 0.8).all())
+    assert bool((clamped[0, :, :, :6] == 1).all())
+    assert bool((clamped[1] == 1).all())
+    without = NetworkInput(render, photo[:, :0], visibility[:, :0])
+    assert bool((clamp_to_references(image, without) == 1).all())
+
+
+def test_on_request_pixels_that_no_reference_shows_are_clamped_to_the_render() -> None:
+    render, photo = torch.full((2, 3, 4, 8), 0.5), torch.full((2, 1, 3, 4, 8), 0.8)
+    visibility = torch.zeros(2, 1, 1, 4, 8)
+    visibility[0, ..., 6:] = 1
+    image, seen = torch.ones_like(render), NetworkInput(render, photo, visibility)
+    clamped = clamp_to_references(image, seen, clamp_unseen=True)
+    assert torch.equal(clamped[0, :, :, :5], render[0, :, :, :5])
+    assert bool((clamped[0, :, :, 5:] == 0.8).all())
+    assert bool((clamped[1] == 1).all())  # no reference is visible in it
+    assert torch.equal(clamp_torch(image, seen, 1, clamp_unseen=True), clamped)
 
 
 @pytest.mark.parametrize("window", [1, 3, 5, 9])
@@ -44,8 +59,10 @@ def test_limits_are_those_of_the_window(window: int, height: int, width: int) ->
                     here = visibility[(b, i, 0, *place)] > 0
                     shown.append(photos[(b, i, slice(None), *place)][:, here])
                 colours = torch.cat(shown, dim=1)
-                wanted = image[b, :, y, x].clamp(colours.amin(1), colours.amax(1))
-                assert torch.equal(found[b, :, y, x], wanted)
+                expected = image[b, :, y, x]
+                if bool((visibility[b, :, 0, y, x] > 0).any()):
+                    expected = expected.clamp(colours.amin(1), colours.amax(1))
+                assert torch.equal(found[b, :, y, x], expected)
     twin = clamp_to_references(image.double(), NetworkInput(render, photos, visibility), window)
     assert torch.equal(twin.float(), found)
 

@@ -80,9 +80,9 @@ class SetEnhancer:
         strength: share of the network's change that is applied, in [0, 1]; 0 returns the render.
         temporal_smoothing: for frames of a path: share of the change that each target takes over from the previous
             one, in [0, 1) (`smooth_change`). Super-resolution does not support it.
-        colour_clamping: side in pixels of a window; each enhanced pixel is clamped to the colours of the render and of
-            the warped references in the window around it (`clamp_to_references`). 0 turns clamping off. This and the
-            next two options have no effect on super-resolution, or if references are not warped.
+        colour_clamping: side in pixels of a window; each enhanced pixel that a reference sees is clamped to the colours
+            of the render and of the warped references in the window around it (`clamp_to_references`). 0 turns clamping
+            off. This and the next two options have no effect on super-resolution, or if references are not warped.
         colour_completion: where no reference is visible, replace the smooth part of the network's change by the one
             that visible pixels predict (`complete_change`).
         confidence: predicts the shares of the change to apply; None applies all of it.

@@ -26,7 +26,7 @@ class EnhancementOptions:
         strength: share of the network's change that is applied, 0 (the render) to 1, in addition to ``confidence``;
             None means 1 with confidence, and the strength that the weights state without it.
         colour_clamping: side in pixels of the windows whose colours, of the render and of the warped references, limit
-            an enhanced pixel; odd, 0 for no limit.
+            an enhanced pixel that a reference sees; odd, 0 for no limit.
         colour_completion: where no reference is visible, extrapolate the smooth change of colour from visible pixels.
         confidence: apply only the share of the change, block by block, that the references support; no effect for
             weights without a change confidence.

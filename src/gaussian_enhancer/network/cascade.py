@@ -56,5 +56,5 @@ class Cascade(Network):
         """The first network's image, then the images of all scales of the second."""
         enhanced = self.first(dataclasses.replace(views, fine_references=None)).to(views.render.dtype)
         if self.colour_clamping:
-            enhanced = clamp_to_references(enhanced, views, self.colour_clamping)
+            enhanced = clamp_to_references(enhanced, views, self.colour_clamping, clamp_unseen=True)
         return enhanced, *self.second.stages(dataclasses.replace(views, render=enhanced))

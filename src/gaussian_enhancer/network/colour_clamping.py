@@ -15,7 +15,7 @@ from gaussian_enhancer.types import NetworkInput
 
 
 def clamp_to_references(
-    image: Float[Tensor, "b 3 h w"], views: NetworkInput, window: int = 3
+    image: Float[Tensor, "b 3 h w"], views: NetworkInput, window: int = 3, clamp_unseen: bool = False
 ) -> Float[Tensor, "b 3 h w"]:
     """Clamp each channel of an image to the range of render and references in a window around the pixel.
 
@@ -23,43 +23,48 @@ def clamp_to_references(
     references. Photos on the target's grid show which colours an enhanced pixel may have, up to misalignment. Colours
     outside that range are errors of the network, for instance bright patches in a shadow unlike those of its training
     data. The neighbourhood clamping of temporal anti-aliasing (Karis, "High-Quality Temporal Supersampling", SIGGRAPH
-    2014) limits a history to the current frame in the same way. Images in which no reference is visible are returned
-    unchanged. Gradients treat the limits as constants.
+    2014) limits a history to the current frame in the same way. Pixels at which no reference is visible are
+    clamped to [0, 1] alone: no photo shows their colours, and those of the render may be those of a hole of the splat.
+    Gradients treat the limits as constants.
 
     Args:
         image: enhanced image, finite.
         views: render and warped references of the same size.
         window: side of the window in pixels, odd.
+        clamp_unseen: also clamp pixels at which no reference is visible, in images with a visible reference.
 
     Raises:
         InputError: the window has no centre.
     """
     check_window(window)
-    visible = (views.visibility > 0).flatten(1).any(1)
-    if not bool(visible.any()):
-        return image
     inputs = image, views.render, views.references, views.visibility
-    limited = (clamp_compiled if can_use_kernels(*inputs) else clamp_torch)(image, views, window // 2)
-    return limited if bool(visible.all()) else torch.where(visible[:, None, None, None], limited, image)
+    clamp = clamp_compiled if can_use_kernels(*inputs) else clamp_torch
+    return clamp(image, views, window // 2, clamp_unseen)
 
 
-def clamp_torch(image: Float[Tensor, "b 3 h w"], views: NetworkInput, reach: int) -> Float[Tensor, "b 3 h w"]:
+def clamp_torch(
+    image: Float[Tensor, "b 3 h w"], views: NetworkInput, reach: int, clamp_unseen: bool = False
+) -> Float[Tensor, "b 3 h w"]:
     """Clamp the image to the limits of its windows. Readable twin of the compiled kernel, for any device.
 
     Args:
         image: enhanced image.
         views: render and warped references of the same size.
         reach: pixels from a window's centre to its border.
+        clamp_unseen: see `clamp_to_references`.
     """
     hidden = views.visibility <= 0
     limited = torch.empty_like(image, memory_format=torch.contiguous_format)
     for channel in range(3):  # one channel at a time, to limit the memory for large images
         low, high = _colour_limits(views, hidden, channel, reach)
         limited[:, channel] = image[:, channel].clamp(low, high)
-    return limited
+    unseen = hidden.flatten(1).all(1)[:, None, None, None] if clamp_unseen else hidden.all(1)
+    return torch.where(unseen, image.clamp(0, 1), limited)
 
 
-def clamp_compiled(image: Float[Tensor, "b 3 h w"], views: NetworkInput, reach: int) -> Float[Tensor, "b 3 h w"]:
+def clamp_compiled(
+    image: Float[Tensor, "b 3 h w"], views: NetworkInput, reach: int, clamp_unseen: bool = False
+) -> Float[Tensor, "b 3 h w"]:
     """Compiled version of `clamp_torch`."""
     from gaussian_enhancer.network.colour_clamping_kernels import clamp
     from gaussian_enhancer.splat.compiled import kernel_lock
@@ -70,7 +75,8 @@ def clamp_compiled(image: Float[Tensor, "b 3 h w"], views: NetworkInput, reach: 
             inputs = (
                 kernel_image(images[index]) for images in (image, views.render, views.references, views.visibility)
             )
-            clamp(*inputs, reach, result.numpy())
+            clamps_all = clamp_unseen and bool((views.visibility[index] > 0).any())
+            clamp(*inputs, reach, clamps_all, result.numpy())
     return limited
 
 
