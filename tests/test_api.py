@@ -197,10 +197,10 @@ def test_features_of_references_that_are_not_warped_are_kept(views):
     enhancer = Enhancer(Pretrained(network, ReferenceConfig(Unwarped(), 2, 2), {}), "cpu")
     (view, _), references = views
     first = enhancer(view.read(), references=references)
-    kept = dict(enhancer._call_references.features.kept)
+    kept = dict(enhancer._call_references.features.entries)
     assert len(kept) == 2
     torch.testing.assert_close(enhancer(view.read(), references=references), first)
-    assert all(enhancer._call_references.features.kept[key] is value for key, value in kept.items())
+    assert all(enhancer._call_references.features.entries[key] is value for key, value in kept.items())
 
 
 def test_a_reference_that_is_the_view_itself_is_left_out(views, enhancer):

@@ -158,7 +158,7 @@ def test_a_killed_process_of_a_sweep_is_one_line(toy_job, capsys, monkeypatch):
         os.kill(os.getpid(), signal.SIGKILL)
 
     # The tests check shapes in every function, and a checked function cannot be sent to another process.
-    monkeypatch.setattr(cli, "task", lambda job: run)
+    monkeypatch.setattr(cli, "job_function", lambda job: run)
     with pytest.raises(SystemExit) as stop:
         cli.main(["toy", "-m", "size=1,2", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2"])
     assert stop.value.code == 1

@@ -76,7 +76,7 @@ def unknown(module) -> float:
     manual, real, _ = module.prepare_batch(batch(), 0)
     torch.manual_seed(99)
     with torch.no_grad():
-        return float(torch.stack([module._denoising_loss(manual, real, module.model) for _ in range(64)]).mean())
+        return float(torch.stack([module._denoising_loss(manual, real) for _ in range(64)]).mean())
 
 
 def sampled(module) -> torch.Tensor:
