@@ -46,7 +46,7 @@ def test_a_sweep_that_is_killed_again_and_again_gives_the_tables_of_one_that_is_
     made, tmp_path, monkeypatch
 ) -> None:
     generator = random.Random(5)
-    for begun in sorted(generator.sample(range(2, 12), 2)):
+    for begun in sorted(generator.sample(range(2, 12), 3)):
         killed(tmp_path, begun, generator.uniform(0, 0.4))
     monkeypatch.chdir(tmp_path)
     started("table=10")
