@@ -1,32 +1,34 @@
 """``gaussian-enhancer tables``: makes any table, figure or study, from fits to reports, by one command.
 
 Fits, trainings and measurements are separate runs, made where they are missing and shared by all tables, so a killed
-job resumes. The table's description and records are written together; reports are made from these alone.
+job resumes. Each table is a study of its cells; its reports are made from its description and records alone.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from omegaconf import DictConfig
 from rich.console import Console
 
-from ablations.realism.real_crops import KINDS, crops, worst
-from ablations.report.grids import PHOTO, Box, write_grid
 from ablations.report.tables import summary_page, write_reports
-from ablations.study.description import SceneGroup, read_description, write_description
+from ablations.study.description import read_description, write_description
+from ablations.study.engine import Study, measure_and_add
+from ablations.study.rows import RowFile
 from ablations.suite.cluster import make_runs_ahead
 from ablations.suite.costs import cost_records
 from ablations.suite.descriptions import Experiment, known_names, read_experiment, requested_names
 from ablations.suite.evaluation import StudyCell, check_same_views
+from ablations.suite.figures import draw_figure
 from ablations.suite.method_runs import Runs, with_backbones
 from ablations.suite.plan import format_plan, plan_runs
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError, reason_of
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.metrics.records import MISSING, Record, missing_record, read_records, write_records
+from gaussian_enhancer.metrics.records import MISSING, Record, missing_record, read_records
 from gaussian_enhancer.runs.instantiate import require
-from gaussian_enhancer.scene.photos import read_photo
+
+KEYS = ("variant", "scene", "splat", "seed", "view")
 
 
 def output_path(cfg: DictConfig) -> Path | None:
@@ -53,32 +55,38 @@ def run(cfg: DictConfig) -> None:
     if not cfg.records_only:
         runs.failures |= make_runs_ahead(cfg, experiments, console)
     for experiment in experiments:
-        console.rule(f"{experiment.table.name}: {experiment.table.title}", align="left")
+        table = experiment.table
+        console.rule(f"{table.name}: {table.title}", align="left")
         if not cfg.records_only:
-            records = list(made(runs, experiment, console))
-            write_description(folder / f"{experiment.table.name}.json", experiment.table)
-            write_records(folder / f"{experiment.table.name}.jsonl", records)
-            if experiment.table.kind == "images":
-                draw(runs, experiment, records, folder)
-        report(folder, experiment.table.name, console)
+            file = RowFile(folder / f"{table.name}.jsonl", KEYS)
+            measure_and_add(study(runs, experiment, console), file)
+            write_description(folder / f"{table.name}.json", table)
+            if table.kind == "images":
+                draw_figure(runs, experiment, read_records(file.path), folder)
+        report(folder, table.name, console)
     index(folder)
 
 
-def made(runs: Runs, experiment: Experiment, console: Console) -> Iterator[Record]:
-    """The records of a table; where a method cannot be made in a cell, a record states the reason."""
-    if experiment.table.kind == "cost":
-        yield from cost_records(runs, experiment, console)
-        return
-    for number, cell in enumerate(experiment.cells, 1):
-        console.print(f"{number} of {len(experiment.cells)}: {cell.scene}, {cell.splat}", highlight=False)
-        views: dict[str, tuple[str, ...]] = {}
-        for method in experiment.table.methods:
-            for seed in experiment.seeds(method):
-                method_records = _method(runs, experiment, cell, method, seed, console)
-                if method_records[0].kind != MISSING:
-                    views[f"{method}, seed {seed}"] = tuple(sorted(record.view for record in method_records))
-                yield from method_records
-        check_same_views(f"{cell.scene}, {cell.splat}", views)
+def study(runs: Runs, experiment: Experiment, console: Console) -> Study[Any]:
+    """A table as a study: of its cells, or as a whole where methods are timed in turn."""
+    table = experiment.table
+    if table.kind == "cost":
+        return Study((table.name,), lambda _: cost_records(runs, experiment, console), KEYS, replaces_file=True)
+    return Study(experiment.cells, lambda cell: cell_records(runs, experiment, cell, console), KEYS, replaces_file=True)
+
+
+def cell_records(runs: Runs, experiment: Experiment, cell: StudyCell, console: Console) -> Iterator[Record]:
+    """The records of a cell of a table; where a method cannot be made, a record states the reason."""
+    number = experiment.cells.index(cell) + 1
+    console.print(f"{number} of {len(experiment.cells)}: {cell.scene}, {cell.splat}", highlight=False)
+    views: dict[str, tuple[str, ...]] = {}
+    for method in experiment.table.methods:
+        for seed in experiment.seeds(method):
+            method_records = _method(runs, experiment, cell, method, seed, console)
+            if method_records[0].kind != MISSING:
+                views[f"{method}, seed {seed}"] = tuple(sorted(record.view for record in method_records))
+            yield from method_records
+    check_same_views(f"{cell.scene}, {cell.splat}", views)
 
 
 def _method(
@@ -96,66 +104,6 @@ def _method(
             console.print_exception()
         return (missing_record(method, reason, scene=cell.scene, splat=cell.splat, seed=seed),)
     return runs.records(experiment, cell, method, seed)
-
-
-def draw(runs: Runs, experiment: Experiment, records: Sequence[Record], folder: Path) -> None:
-    """Write the grid of a figure: the first measured view of each scene and splat, or a row for each type of artefact.
-
-    Args:
-        runs: the suite's.
-        experiment: the figure.
-        records: its records; missing images become grey tiles.
-        folder: of the file ``NAME.png``.
-    """
-    pictures: dict[tuple[str, str], Path] = {}
-    lines: list[str] = []
-    boxes: dict[str, Box] = {}
-    for cell in experiment.cells:
-        files_by_method = _method_views(runs, experiment, cell, records)
-        views = sorted(files_by_method.get(experiment.table.baseline, {}))
-        for label, view, box in _shown(experiment, f"{cell.scene}, {cell.splat}", files_by_method, views):
-            lines.append(label)
-            boxes |= {} if box is None else {label: box}
-            method_files = {method: files[view] for method, files in files_by_method.items() if view in files}
-            pictures |= {(label, key): path for key, path in method_files.items() if path.is_file()}
-    if pictures:
-        shown = replace(experiment.table, datasets={"all": SceneGroup("", tuple(lines))})
-        write_grid(folder / f"{experiment.table.name}.png", shown, pictures, boxes=boxes)
-
-
-def _method_views(
-    runs: Runs, experiment: Experiment, cell: StudyCell, records: Sequence[Record]
-) -> dict[str, dict[str, Path]]:
-    """Image files of a cell by method and view; the photos under `PHOTO`."""
-    files: dict[str, dict[str, Path]] = {}
-    for method in experiment.table.methods:
-        key = cell.scene, cell.splat, method
-        views = [r.view for r in records if (r.scene, r.splat, r.variant) == key and r.view]
-        if views:
-            images, photos = runs.images(experiment, cell, method, experiment.seeds(method)[0])
-            files[method] = {view: images / view for view in views}
-            photo_files = {view: next(photos.glob(f"{Path(view).stem}.*"), None) for view in views}
-            files.setdefault(PHOTO, {}).update({view: path for view, path in photo_files.items() if path})
-    return files
-
-
-def _shown(
-    experiment: Experiment, label: str, files: Mapping[str, Mapping[str, Path]], views: Sequence[str]
-) -> Iterator[tuple[str, str, Box | None]]:
-    """Rows of a cell: label, view, and the crop where it is chosen by a type of artefact."""
-    photos = files.get(PHOTO, {})
-    photographed = [view for view in views if view in photos]
-    if not experiment.table.artefacts or not photographed:
-        yield label, min(views, default=""), None
-        return
-    pairs = [(read_photo(files[experiment.table.baseline][view]), read_photo(photos[view])) for view in photographed]
-    height, width = pairs[0][0].shape[-2:]
-    size = max(1, height // 3), max(1, width // 3)
-    view_crops = crops(pairs, size)
-    for name in experiment.table.artefacts:
-        crop = worst(view_crops, KINDS[name])
-        top, left = crop.place[0] / height, crop.place[1] / width
-        yield f"{label}: {name}", photographed[crop.view], (left, top, left + size[1] / width, top + size[0] / height)
 
 
 def index(folder: Path) -> None:

@@ -133,7 +133,7 @@ def measure_study(study: Study[Any], records: str | Path | None, digest: str = "
     return frame
 
 
-def measure_and_add(study: Study[Any], file: RowFile, digest: str) -> None:
+def measure_and_add(study: Study[Any], file: RowFile, digest: str = "") -> None:
     """Measure every part and add the rows to the records.
 
     Args:

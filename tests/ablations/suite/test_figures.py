@@ -6,9 +6,9 @@ import pytest
 import torch
 from hydra import compose
 
-from ablations.jobs.tables import _shown
 from ablations.report.grids import PHOTO
 from ablations.suite.descriptions import read_experiment
+from ablations.suite.figures import figure_rows
 from gaussian_enhancer.scene.image_files import write_image
 from support.job_config import initialised
 
@@ -35,7 +35,7 @@ def test_each_line_shows_the_view_and_place_of_its_artefact(figure, tmp_path: Pa
         for method, image in (("raw", render), (PHOTO, photo)):
             there[method][view] = tmp_path / f"{method}-{view}"
             write_image(there[method][view], image)
-    lines = list(_shown(figure, "outdoor, 3dgs", there, ["a.png", "b.png"]))
+    lines = list(figure_rows(figure, "outdoor, 3dgs", there, ["a.png", "b.png"]))
     assert [label for label, _, _ in lines] == [f"outdoor, 3dgs: {name}" for name in figure.table.artefacts]
     _, view, box = lines[0]
     assert view == "b.png"
@@ -47,7 +47,7 @@ def test_each_line_shows_the_view_and_place_of_its_artefact(figure, tmp_path: Pa
     assert bottom <= 1
 
 
-def test_without_photos_the_first_view_is_shown(figure) -> None:
-    assert list(_shown(figure, "outdoor, 3dgs", {"raw": {"b.png": Path("b")}}, ["b.png"])) == [
+def test_without_photos_the_first_view_isfigure_rows(figure) -> None:
+    assert list(figure_rows(figure, "outdoor, 3dgs", {"raw": {"b.png": Path("b")}}, ["b.png"])) == [
         ("outdoor, 3dgs", "b.png", None)
     ]
