@@ -1,6 +1,7 @@
 """Settings of a job's process: device, threads and memory."""
 
 import os
+import sys
 
 import torch
 from omegaconf import DictConfig
@@ -26,8 +27,21 @@ def start(runtime: DictConfig) -> torch.device:
         memory.retain_freed_memory()
     torch.set_num_threads(threads)
     torch.set_flush_denormal(True)  # denormals (below 1e-38) are tens of times slower and irrelevant to the results
-    os.environ.setdefault("NUMBA_NUM_THREADS", str(threads))
+    _set_kernel_threads(threads)
     return choose_device(runtime.device)
+
+
+def _set_kernel_threads(threads: int) -> None:
+    """Set the number of threads of compiled kernels.
+
+    Numba reads ``NUMBA_NUM_THREADS`` until its threads are launched, and raises an error if the value changes later.
+    From then on, the kernels of the calling thread can only be restricted to some of the launched threads.
+    """
+    launcher = sys.modules.get("numba.np.ufunc.parallel")
+    if launcher is not None and launcher._is_initialized:
+        launcher.set_num_threads(min(threads, launcher.config.NUMBA_NUM_THREADS))
+    else:
+        os.environ.setdefault("NUMBA_NUM_THREADS", str(threads))
 
 
 def choose_device(name: str) -> torch.device:
