@@ -283,6 +283,13 @@ def test_fit_options(capture: Path, refused: Refused, words: tuple[str, ...], me
     assert message in refused(*fit(capture, *words))
 
 
+def test_an_option_of_swept_scenes_is_part_of_the_sweep(refused: Refused) -> None:
+    """Hydra would set it before it knows the scenes, of which it would be no option."""
+    message = refused("fit", "-m", "scene=unbounded,outdoor", "scene.seed=3", allowed=("multirun.yaml",))
+    assert "scene.seed: cannot be set beside the sweep scene=unbounded,outdoor" in message
+    assert "make it part of the sweep: 'scene.seed=choice(VALUE)'" in message
+
+
 @pytest.mark.parametrize("word", ["settings.steps=abc", "scene.downscale=abc", "runtime.threads=0", "nothing=1"])
 def test_fit_options_in_a_sweep(capture: Path, refused: Refused, word: str) -> None:
     assert word.partition("=")[0] in refused(*fit(capture, "-m", word), allowed=("multirun.yaml",))

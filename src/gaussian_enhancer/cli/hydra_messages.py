@@ -2,6 +2,7 @@
 
 import io
 import traceback
+from collections.abc import Sequence
 
 from hydra.errors import MissingConfigException, OverrideParseException
 
@@ -34,12 +35,13 @@ def is_hydra_error(error: BaseException) -> bool:
     return bool(frames) and str(frames[-1].f_globals.get("__name__")).startswith("hydra._internal")
 
 
-def to_input_error(error: Exception, job: str) -> InputError:
+def to_input_error(error: Exception, job: str, overrides: Sequence[str] = ()) -> InputError:
     """Convert Hydra's error about a command line to an `InputError`.
 
     Args:
         error: as Hydra raised it.
         job: the job whose configuration was composed.
+        overrides: of the command line.
     """
     lines = [line for line in str(error).splitlines() if line.strip() and "https://" not in line]
     message = lines[0] if lines else type(error).__name__
@@ -53,6 +55,11 @@ def to_input_error(error: Exception, job: str) -> InputError:
     start, end = "Could not override '", "'."
     if message.startswith(start):
         option = message.removeprefix(start).removesuffix(end)
+        group = option.partition(".")[0]
+        for override in overrides:  # Hydra applies single values before it knows the choices of a sweep
+            if override.startswith(f"{group}=") and "," in override:
+                remedy = f"make it part of the sweep: '{option}=choice(VALUE)'"
+                return InputError(option, f"cannot be set beside the sweep {override}", remedy)
         remedy = f"see gaussian-enhancer {job} --help, or add a key of your own: +{option}=VALUE"
         return InputError(option, f"is no option of {job}", remedy)
     return InputError(f"command line of {job}", f"is refused ({message})", f"see gaussian-enhancer {job} --help")

@@ -212,11 +212,11 @@ def launch(job: str, arguments: Sequence[str]) -> None:
     except InstantiationException:  # a bug in this project's code: `build` converts the user's mistakes
         raise
     except HydraException as error:
-        raise to_input_error(error, job) from error
+        raise to_input_error(error, job, words) from error
     except ValueError as error:
         if isinstance(error, InputError) or not is_hydra_error(error):
             raise
-        raise to_input_error(error, job) from error
+        raise to_input_error(error, job, words) from error
     except BrokenExecutor as error:
         raise LostProcessError("a process of the sweep was killed, for want of memory perhaps") from error
 
