@@ -171,7 +171,7 @@ WEIGHTS = (
     "+recipe=lr_shipped fusion=edvr alignment=none label=row_edvr",
     "+recipe=lr_shipped fusion=ssif_lr +ablation/mode=all label=row_paper",
 )
-"""Overrides of the job train: shipped weights, then the other rows of docs/results/quality.md at equal budget.
+"""Overrides of the job train: shipped weights, then the other rows of docs/results/quality_equal_budget.md.
 
 {label} is replaced by the weights of an earlier row.
 """
@@ -189,7 +189,10 @@ def weights(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def quality(session: nox.Session) -> None:
-    """Make docs/results/quality.md: every method on every held-out scene (needs the captures); resumes after a kill."""
+    """Measure the shipped weights: docs/results/quality.md (needs the captures); resumes after a kill.
+
+    `-- heldout=test` measures the frozen test scenes; `-- comparison=equal_budget` compares networks trained alike.
+    """
     install(session)
     session.run("gaussian-enhancer", "quality", *session.posargs)
 

@@ -17,13 +17,14 @@ from ablations.report.reliability import read_page
 from gaussian_enhancer.cli.main import package_of
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.metrics.records import read_records
 
 ROOT = Path(__file__).resolve().parents[2]
 README, DOCS, RESULTS = Path("README.md"), Path("docs"), Path("docs/results")
 SCALE = "desk"
 JOBS = (
     ("quality", "records_only=true"),
+    ("quality", "heldout=test", "records_only=true"),
+    ("quality", "comparison=equal_budget", "records_only=true"),
     ("plan_study", "records_only=true"),
     ("tradeoff", "records_only=true"),
     ("stability", "records_only=true"),
@@ -61,8 +62,8 @@ def remade(source: Path, folder: Path) -> list[Path]:
             importlib.import_module(f"{package_of(job)}.{job}").run(compose(job, overrides))
         write_text("docs/reliability.md", read_page(RESULTS))
         write_text(video.PAGE, video.fill_page(video.PAGE.read_text(encoding="utf-8"), RESULTS))
-        front = (source / README).read_text(encoding="utf-8")
-        write_text(README, readme.insert_between_marks(front, readme.text(read_records(readme.RECORDS))))
+        for front in (README, DOCS / "index.md"):
+            write_text(front, readme.fill_page((source / front).read_text(encoding="utf-8"), Path(), front))
     regenerated = [README, *sorted(path.relative_to(folder) for path in (folder / DOCS).rglob("*") if path.is_file())]
     return [path for path in regenerated if not _same(source / path, folder / path)]
 

@@ -74,21 +74,18 @@ def _reported(cfg: DictConfig) -> float | None:
 
 
 def study_cells(cfg: DictConfig, table: DictConfig) -> Iterator[StudyCell]:
-    """The cells of a table: scenes x methods x densities of its groups, as the table and the user request them."""
+    """The cells of a table: scenes x splats x densities, without those that the table or the user leaves out."""
 
     def included(name: str, *choices: Sequence[str] | None) -> bool:
         return all(choice is None or name in choice for choice in choices)
 
-    for name in table.groups:
-        group = cfg.groups[name]
+    for group in cfg.groups.values():
         for scene, overrides in group.scenes.items():
+            if scene in table.get("without", ()) or not included(scene, cfg.scenes):
+                continue
             for splat in cfg.splats:
                 for density, choice in group.densities.items():
-                    if (
-                        included(scene, cfg.scenes, table.get("scenes"))
-                        and included(density, table.get("densities"))
-                        and included(splat, table.get("splats"))
-                    ):
+                    if included(density, table.get("densities")) and included(splat, table.get("splats")):
                         fit = (*overrides, f"splat={splat}", *cfg.fit, *choice.fit)
                         every = table.get("every", choice.every)
                         yield StudyCell(str(scene), f"{splat}/{density}", fit, every, bool(table.get("finer")))
@@ -115,7 +112,7 @@ def _table(cfg: DictConfig, name: str, records: Sequence[Record]) -> QualityTabl
     table = cfg.tables[name]
     prefix = f"{name}/"
     table_records = [replace(r, variant=r.variant[len(prefix) :]) for r in records if r.variant.startswith(prefix)]
-    scenes = {str(group): tuple(map(str, cfg.groups[group].scenes)) for group in table.groups}
+    scenes = {str(name): tuple(map(str, group.scenes)) for name, group in cfg.groups.items()}
     measured = list(dict.fromkeys(record.scene for record in table_records))
     study = TableDescription(
         name=name,

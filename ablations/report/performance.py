@@ -22,8 +22,10 @@ COMMAND, IMPORTS = "enhance", "import torch"
 """Processes whose start-up time is measured."""
 FAST = ("bfloat16", "bfloat16 weights")
 """Number types of networks that are compared with ours in bfloat16."""
-QUALITY = ("nafnet", "edvr", "paper", "sif", "lr_2500", "lr_tiny", "lr_base")
-"""Rows of docs/results/quality.md; lr_tiny and those after it were trained for longer."""
+EQUAL_BUDGET = ("nafnet", "edvr", "paper", "sif", "lr_2500")
+"""Rows of docs/results/quality_equal_budget.md."""
+SHIPPED = ("lr_tiny", "lr_base")
+"""Rows of docs/results/quality.md."""
 MAKE = "nox -s bench"
 NOTHING = f"Not measured yet: `{MAKE}`.\n"
 
@@ -34,13 +36,15 @@ class Sources:
 
     Args:
         records: records of the job ``peers``.
-        quality: records of the job ``quality``.
+        quality: records of the job ``quality`` on the shipped weights.
+        equal_budget: records of the job ``quality`` on networks that were trained alike.
     """
 
     records: tuple[Record, ...] = ()
     quality: tuple[Record, ...] = ()
+    equal_budget: tuple[Record, ...] = ()
 
-    FILES: ClassVar[tuple[str, ...]] = ("records", "quality")
+    FILES: ClassVar[tuple[str, ...]] = ("records", "quality", "equal_budget")
 
     def of(self, kind: str, name: str = "") -> tuple[Record, ...]:
         """The records of the job ``peers`` of a kind, and of a variant if ``name`` is given."""
@@ -93,10 +97,14 @@ def number(value: float) -> str:
 
 
 def gains(sources: Sources) -> dict[str, float]:
-    """Mean gain in PSNR over the render by method, in dB, on the views of docs/results/quality.md."""
-    measured_variants = {record.variant for record in sources.quality if record.kind == "quality"}
-    methods = [name for name in QUALITY if f"lr/{name}" in measured_variants and "lr/raw" in measured_variants]
-    return {n: compare(pair_records(sources.quality, "lr/raw", f"lr/{n}"), "psnr").gain for n in methods}
+    """Mean gain in PSNR over the render by method, in dB, on the held-out views of the job ``quality``."""
+    gain_by_method = {}
+    for records, names in ((sources.equal_budget, EQUAL_BUDGET), (sources.quality, SHIPPED)):
+        measured_variants = {record.variant for record in records if record.kind == "quality"}
+        for name in names:
+            if {f"lr/{name}", "lr/raw"} <= measured_variants:
+                gain_by_method[name] = compare(pair_records(records, "lr/raw", f"lr/{name}"), "psnr").gain
+    return gain_by_method
 
 
 def times_ours(sources: Sources, name: str) -> float | None:
@@ -170,7 +178,7 @@ def _better_target(name: str) -> Target:
         return gain_by_method["lr_2500"] - gain_by_method[name] if {"lr_2500", name} <= set(gain_by_method) else None
 
     part = f"PSNR beyond `{name}` at equal budget"
-    return Target(part, 0.0, "dB", value, lambda _: "[quality](results/quality.md)", at_most=False)
+    return Target(part, 0.0, "dB", value, lambda _: "[equal budget](results/quality_equal_budget.md)", at_most=False)
 
 
 WIDTHS = "widths of the decoders"
@@ -353,9 +361,10 @@ def _cold_table(sources: Sources) -> str:
     return about.format(*records[0].size) + markdown(frame(("process", "ms"), lines))
 
 
-EQUAL = """Mean gain in PSNR over the render, over the held-out frames of [quality](results/quality.md). `nafnet`,
-`edvr`, `paper`, `sif` and `lr_2500` were trained on the same runs for the same 2,500 steps; `lr_tiny` and `lr_base` are
-shipped and had more. Time is that of the whole enhancement in bfloat16, so that methods that align pay for it.
+EQUAL = """Mean gain in PSNR over the render, over held-out frames. `nafnet`, `edvr`, `paper`, `sif` and `lr_2500` were
+trained on the same runs for the same 2,500 steps ([equal budget](results/quality_equal_budget.md)); `lr_tiny` and
+`lr_base` are shipped and learned for longer and from more fits ([quality](results/quality.md)). Time is that of the
+whole enhancement in bfloat16, so that methods that align pay for it.
 
 """
 
@@ -365,7 +374,8 @@ def _quality(sources: Sources) -> str:
     if not gain_by_method:
         return "Not measured yet: `nox -s quality`.\n"
     times = {record.variant: record.metrics[TIME] for record in sources.of(ENHANCEMENT) if record.splat == FAST[0]}
-    counts = {name: sum(record.variant == f"lr/{name}" for record in sources.quality) for name in gain_by_method}
+    measured = [record.variant for record in (*sources.equal_budget, *sources.quality)]
+    counts = {name: measured.count(f"lr/{name}") for name in gain_by_method}
     lines = [
         (
             f"`{name}`",

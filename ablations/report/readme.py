@@ -1,53 +1,130 @@
-"""Makes the README's numbers from the records of the quality page."""
+"""Makes the figures of the README and of the documentation's first page from committed records."""
 
-from collections.abc import Sequence
+import json
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pandas as pd
 
+from ablations.study.markdown import frame, markdown
 from ablations.study.rows import frame_of, with_gains
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.metrics.records import Record
+from gaussian_enhancer.metrics.records import Record, read_records
 
-RECORDS = "docs/results/quality.jsonl"
-BEGIN, END = f"<!-- {RECORDS}: gaussian-enhancer pages write=true -->", "<!-- end -->"
+TEST, CONVERGENCE = "docs/results/test.jsonl", "docs/results/convergence.jsonl"
+BEGIN, END = "<!-- {}: gaussian-enhancer pages write=true -->", "<!-- end -->"
 RAW, ENHANCED = "lr/raw", "lr/lr_tiny"
-SCENES = {
+ROWS = {
     "fox": "fox (real)",
     "monstree": "monstree (real)",
-    "indoor": "indoor (in-distribution)",
+    "harbour": "harbour, a family unseen in training",
     "unbounded": "unbounded (in-distribution)",
     "outdoor": "outdoor (in-distribution)",
+    "indoor": "indoor (in-distribution)",
     "object": "object (in-distribution)",
 }
+"""Rows of the table of test scenes, by the scenes' names without seed."""
+CAPTURES = {
+    "banana": "banana (validation)",
+    "plush": "plush (validation)",
+    "cyprus": "cyprus (validation)",
+    "flowerpot": "flowerpot, turned under fixed lights (validation)",
+    "copr": "copr (validation)",
+    "monstree": "monstree (test)",
+    "fox": "fox (test)",
+}
+"""Rows of the table of converged splats."""
+METHOD, CONVERGED_STEPS = "lr_tiny", 15000
 HEAD = "| scene | PSNR, raw → enhanced | gain in colour-aligned PSNR | LPIPS (alex) |\n|---|---|---|---|\n"
 LINE = "{:.2f} → {:.2f} dB | {:+.2f} dB | {:+.4f}"
 
 
 def views(records: Sequence[Record]) -> pd.DataFrame:
-    """Enhanced views with their gains over the raw render.
+    """Enhanced views with their gains over the raw render, and the row of the table that they belong to.
 
     Raises:
         InputError: a view was enhanced but not measured raw.
     """
-    frame = frame_of(record for record in records if record.variant in (RAW, ENHANCED))
-    gains = with_gains(frame, {"variant": RAW}, ("run", "view"))
+    measured = frame_of(record for record in records if record.variant in (RAW, ENHANCED))
+    gains = with_gains(measured, {"variant": RAW}, ("run", "view"))
     gains = gains[gains["variant"] == ENHANCED]
     for _, record in gains[gains["gain psnr"].isna()].iterrows():
         raise InputError(f"{record['run']}, {record['view']}", "has no raw render in the records", "measure it again")
-    return gains.assign(raw=gains["psnr"] - gains["gain psnr"])
+    return gains.assign(raw=gains["psnr"] - gains["gain psnr"], row=gains["scene"].str.partition("_")[0])
 
 
-def text(records: Sequence[Record]) -> str:
-    """The README's table (means over fits of the means over their views), and its sentence on single frames."""
+def frozen_test_table(records: Sequence[Record]) -> str:
+    """The table of test scenes (means over fits of the means over their views), and a sentence on single frames."""
     enhanced_views = views(records)
-    fits = enhanced_views.groupby(["scene", "run"])[["raw", "psnr", "gain psnr_aligned", "gain lpips_alex"]].mean()
-    means = fits.groupby("scene").mean()
-    lines = [f"| {title} | {LINE.format(*means.loc[scene])} |\n" for scene, title in SCENES.items()]
+    fits = enhanced_views.groupby(["row", "run"])[["raw", "psnr", "gain psnr_aligned", "gain lpips_alex"]].mean()
+    means = fits.groupby("row").mean()
+    lines = [f"| {title} | {LINE.format(*means.loc[row])} |\n" for row, title in ROWS.items()]
     return f"{HEAD}{''.join(lines)}\n{_worst(enhanced_views)}\n"
 
 
-def insert_between_marks(page: str, new_text: str, begin: str = BEGIN, name: str | Path = "README.md") -> str:
+def converged_table(rows: pd.DataFrame) -> str:
+    """The table of converged splats, each at its last step, and a sentence on the mean of the longest fits.
+
+    Args:
+        rows: rows of the job ``convergence``, one for each method, scene, step and view.
+    """
+    rows = rows[rows["method"] == METHOD]
+    rows = rows[rows["step"] == rows.groupby("scene")["step"].transform("max")]
+    lines, means = [], []
+    for scene, title in CAPTURES.items():
+        of_scene = rows[rows["scene"] == scene]
+        gains, step = of_scene["gain_psnr_aligned"], int(of_scene["step"].iloc[0])
+        worst = f"{gains.min():+.2f}" if gains.min() >= 0 else f"**{gains.min():+.2f}**"
+        lines.append(
+            (
+                title,
+                f"{step:,}",
+                f"{of_scene['raw_psnr_aligned'].mean():.2f} dB",
+                f"{gains.mean():+.2f} dB",
+                f"{worst} dB",
+                f"{(gains < 0).sum()} of {len(gains)}",
+                f"{of_scene['blocks_harmed'].mean():.1%}",
+            )
+        )
+        if step == CONVERGED_STEPS:
+            means.append((gains.mean(), of_scene["blocks_harmed"].mean()))
+    headings = ("capture", "steps", "raw", "mean gain", "worst view", "views that lose", "blocks that lose > 0.5 dB")
+    gain, harmed = (sum(values) / len(means) for values in zip(*means, strict=True))
+    mean = f"Mean of the {len(means)} captures of {CONVERGED_STEPS:,} steps: {gain:+.2f} dB, {harmed:.1%} of blocks."
+    return f"{markdown(frame(headings, lines))}\n{mean}\n"
+
+
+def _read_rows(path: Path) -> pd.DataFrame:
+    return pd.DataFrame(map(json.loads, path.read_text(encoding="utf-8").splitlines()))
+
+
+FIGURES: dict[str, Callable[[Path], str]] = {
+    TEST: lambda path: frozen_test_table(read_records(path)),
+    CONVERGENCE: lambda path: converged_table(_read_rows(path)),
+}
+"""Texts by the file of their records."""
+
+
+def fill_page(page: str, folder: Path, name: str | Path = "README.md") -> str:
+    """Replace every text of a page that is made from records.
+
+    Args:
+        page: text of the page.
+        folder: the repository, or a copy of its documentation.
+        name: of the page, for errors.
+
+    Raises:
+        InputError: the page has no place for figures, or records are missing or damaged.
+    """
+    files = [file for file in FIGURES if BEGIN.format(file) in page]
+    if not files:
+        raise InputError(name, "has no place for its figures", f"put {BEGIN.format(TEST)} and {END} around them")
+    for file in files:
+        page = insert_between_marks(page, FIGURES[file](folder / file), BEGIN.format(file), name)
+    return page
+
+
+def insert_between_marks(page: str, new_text: str, begin: str, name: str | Path = "README.md") -> str:
     """Replace the text between two marks of a page.
 
     Args:

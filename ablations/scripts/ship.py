@@ -1,8 +1,9 @@
 """``gaussian-enhancer ship``: copy trained weights into the package, with a card that states where they help.
 
 Writes `NAME.safetensors` and `NAME.json` to the package's folder of weights. The card keeps the entries of the training
-(data, steps, seed, hash of the configuration, validation); its two texts summarise docs/results/quality.md.
-``first`` replaces a cascade's first network by weights that were trained on more data than the cascade.
+(data, steps, seed, hash of the configuration, validation); its two texts summarise docs/results/test.md.
+``first`` replaces a cascade's first network by weights that were trained on more data than the cascade; their
+confidence and their way to align references come with them.
 ``references`` and ``candidates`` replace the numbers of references and candidates that the training used.
 """
 
@@ -29,7 +30,7 @@ def with_first(network: Network, first: Pretrained) -> tuple[Cascade, dict[str, 
     """
     if not isinstance(network, Cascade):
         raise InputError("weights", f"are of {type(network).__name__}", "give those of a cascade with first=")
-    first_card = {name: first.card.get(name) for name in ("name", "run", "steps")}
+    first_card = {name: first.card.get(name) for name in ("name", "run", "steps", "data")}
     return Cascade(first.network, network.second, network.colour_clamping), first_card
 
 
@@ -46,11 +47,16 @@ def run(cfg: DictConfig) -> None:
     pretrained = load_weights(cfg.weights)
     network, card = pretrained.network, {**pretrained.card, "name": cfg.name, "strength": cfg.strength}
     card |= {"helps": cfg.helps, "harms": cfg.harms}
-    counts = {name: cfg[name] for name in ("references", "candidates") if cfg[name] is not None}
-    reference_config = replace(pretrained.reference_config, **counts)
-    card |= {"reference_config": reference_config_of(reference_config)}
+    reference_config, confidence = pretrained.reference_config, pretrained.confidence
     if cfg.first:
-        network, first_card = with_first(network, load_weights(cfg.first))
-        card |= {"first": first_card, "design": design_of(network)}
-    save_weights(SHIPPED_FOLDER / f"{cfg.name}.safetensors", network, reference_config, card, pretrained.confidence)
+        first = load_weights(cfg.first)
+        network, first_card = with_first(network, first)
+        # The confidence was trained on the change of that network, with references aligned as for it.
+        reference_config, confidence = replace(first.reference_config, fine=True), first.confidence
+        credits = dict.fromkeys([*card.get("credits", ()), *first.card.get("credits", ())])
+        card |= {"first": first_card, "design": design_of(network), "credits": list(credits)}
+    counts = {name: cfg[name] for name in ("references", "candidates") if cfg[name] is not None}
+    reference_config = replace(reference_config, **counts)
+    card |= {"reference_config": reference_config_of(reference_config)}
+    save_weights(SHIPPED_FOLDER / f"{cfg.name}.safetensors", network, reference_config, card, confidence)
     write_text(SHIPPED_FOLDER / f"{cfg.name}.json", json.dumps(card, indent=2) + "\n")

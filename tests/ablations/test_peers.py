@@ -245,7 +245,8 @@ def test_the_page_states_verdicts_bounds_and_what_is_missing(tmp_path) -> None:
     tried = Record(TRIED, "", "", "kept", "less", "a copy less", {
         "before": 10.0, "after": 5.0, "times": 2.0, "times_low": 1.9, "times_high": 2.1,
     })  # fmt: skip
-    sources = Sources((*some_records(), tried), quality(raw=20.0, nafnet=20.5, lr_2500=21.0, lr_tiny=21.5))
+    shipped, trained = quality(raw=20.0, lr_tiny=21.5), quality(raw=20.0, nafnet=20.5, lr_2500=21.0)
+    sources = Sources((*some_records(), tried), shipped, trained)
     files = {name: tmp_path / f"results/{name}.jsonl" for name in Sources.FILES}
     page = performance_page(sources, files, tmp_path / "results/peers.svg", tmp_path / "page.md")
     lines = lines_of(page)
@@ -285,8 +286,9 @@ def test_a_card_is_named_where_one_was_measured(tmp_path) -> None:
 
 
 def test_gains_and_ratios_are_of_the_rows_that_are_there() -> None:
-    assert gains(Sources(quality=quality(nafnet=20.0))) == {}
-    assert gains(Sources(quality=quality(raw=20.0, sif=21.25))) == {"sif": 1.25}
+    assert gains(Sources(equal_budget=quality(nafnet=20.0))) == {}
+    shipped, trained = quality(raw=21.0, lr_tiny=21.5), quality(raw=20.0, sif=21.25)
+    assert gains(Sources(quality=shipped, equal_budget=trained)) == {"sif": 1.25, "lr_tiny": 0.5}
     assert times_ours(Sources(some_records()), "NAFNet-w32") == 14.0  # float32 is not what ours is measured in
     assert times_ours(Sources(some_records()), "Restormer") is None
 
@@ -302,7 +304,12 @@ def test_the_job_measures_and_makes_its_page_and_makes_it_again(tmp_path, job, m
     monkeypatch.setattr(peers, "synthetic_views", small_views)
     monkeypatch.setattr(peers, "SMALL", (48, 64))
     records, page = tmp_path / "peers.jsonl", tmp_path / "page.md"
-    outputs = f"records={records}", f"page={page}", f"quality={tmp_path}/none.jsonl"
+    outputs = (
+        f"records={records}",
+        f"page={page}",
+        f"quality={tmp_path}/none.jsonl",
+        f"equal_budget={tmp_path}/none.jsonl",
+    )
     few = ("networks=[lr_tiny,nafnet]", "dtypes=[float32]", "height=64", "width=64", "rounds=2", "cold_rounds=1")
     sizes = ("pipeline.lr_tiny=[64x48]", "pipeline.lr_base=[]", "pipeline.sr_tiny=[]")
     monkeypatch.setattr(peers, "cold_records", lambda *_: iter(()))

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 import torch
+from test_cascade import SMALL, moved
 from test_sif import trained
 
 from gaussian_enhancer.align.alignment import Reprojected
@@ -25,7 +26,12 @@ from gaussian_enhancer.infer.change_confidence import (
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.weights import Pretrained, load_weights, save_weights
+from gaussian_enhancer.network.cascade import Cascade
+from gaussian_enhancer.network.colour_clamping import clamp_to_references
+from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.network.sif import SIF
+from gaussian_enhancer.network.ssif_lr import SSIFLR
+from gaussian_enhancer.network.ssif_sr import SSIFSR
 from gaussian_enhancer.types import NetworkInput
 
 
@@ -167,6 +173,29 @@ def test_the_enhancer_applies_the_share(share: float):
     some = SetEnhancer(network, ReferenceConfig(Reprojected()), confidence=judging(share), **options).enhance(seen)
     assert float((whole - seen.render).abs().max()) > 0.01
     torch.testing.assert_close(some, seen.render + share * (whole - seen.render), rtol=0, atol=2e-6)
+
+
+def test_super_resolution_limits_the_change_before_and_within_the_finer_scales():
+    """The second network sees the limited image of the first, and changes it by the share of the details."""
+    seen = replace(views(32, 48), fine_references=torch.rand(1, 3, 3, 128, 192))
+    cascade = Cascade(moved(SSIFLR(**SMALL)), moved(SSIFSR(**SMALL)))
+    options = {"precision": "float32", "colour_completion": False}
+
+    def enhanced(*shares: float) -> torch.Tensor:
+        confidence = judging(*shares) if shares else None
+        return SetEnhancer(cascade, ReferenceConfig(Reprojected()), confidence=confidence, **options).enhance(seen)
+
+    with torch.inference_mode():
+        first = clamp_to_references(cascade.first(replace(seen, fine_references=None)), seen, 3)
+        means, details = split_change(first - seen.render)
+        for shares in ((1.0, 1.0), (0.5, 0.25), (1.0, 0.0)):
+            image = (seen.render + shares[0] * means + shares[1] * details).clamp(0, 1)
+            finer = cascade.second(replace(seen, render=image))
+            expected = torch.lerp(upsample_bicubic(image, 4), finer, shares[1]).clamp(0, 1)
+            torch.testing.assert_close(enhanced(*shares), expected, rtol=0, atol=1e-5)
+            assert float((finer - upsample_bicubic(image, 4)).abs().max()) > 0.01
+        without_confidence = cascade.second(replace(seen, render=first)).clamp(0, 1)
+    torch.testing.assert_close(enhanced(), without_confidence, rtol=0, atol=1e-5)
 
 
 def test_weights_keep_their_confidence(tmp_path):

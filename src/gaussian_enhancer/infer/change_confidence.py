@@ -80,9 +80,30 @@ class ChangeConfidence(nn.Module):
             enhanced: the network's output, in [0, 1].
             views: the render and its references.
         """
-        shares = self.predict_shares(block_features(enhanced, views)).clamp(0, 1)
-        apply = apply_shares_compiled if can_use_kernels(enhanced, views.render, shares) else apply_shares_torch
-        return apply(enhanced, views.render, shares)
+        return apply_shares(enhanced, views.render, self.shares(enhanced, views))
+
+    def shares(self, enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Float[Tensor, "b k i j"]:
+        """The shares of each block, from 0 to 1.
+
+        Args:
+            enhanced: the network's output, in [0, 1].
+            views: the render and its references.
+        """
+        return self.predict_shares(block_features(enhanced, views)).clamp(0, 1)
+
+
+def apply_shares(
+    enhanced: Float[Tensor, "b 3 h w"], render: Float[Tensor, "b 3 h w"], shares: Float[Tensor, "b k i j"]
+) -> Float[Tensor, "b 3 h w"]:
+    """The render plus each block's shares of the bands of the change, by the compiled kernel where it can be used.
+
+    Args:
+        enhanced: the network's output, in [0, 1].
+        render: the render.
+        shares: shares of the change's means and of its details, interpolated linearly between the blocks' centres.
+    """
+    apply = apply_shares_compiled if can_use_kernels(enhanced, render, shares) else apply_shares_torch
+    return apply(enhanced, render, shares)
 
 
 def apply_shares_torch(

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import torch
+import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
@@ -17,7 +18,7 @@ from gaussian_enhancer.align.depth_normalisation import depth_unit
 from gaussian_enhancer.align.exposure import apply_colour
 from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool, build_network_input, read_target
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.change_confidence import ChangeConfidence
+from gaussian_enhancer.infer.change_confidence import BLOCK, ChangeConfidence, apply_shares
 from gaussian_enhancer.infer.colour_completion import complete_change
 from gaussian_enhancer.infer.finite_check import refuse_not_finite
 from gaussian_enhancer.infer.plan import ViewPlan
@@ -26,6 +27,7 @@ from gaussian_enhancer.infer.reference_cache import ReferenceFeatures
 from gaussian_enhancer.infer.regions import cut_pixels
 from gaussian_enhancer.infer.temporal_smoothing import PreviousChange, smooth_change
 from gaussian_enhancer.infer.tiles import enhance_tiled
+from gaussian_enhancer.network.cascade import Cascade
 from gaussian_enhancer.network.colour_clamping import check_window, clamp_to_references
 from gaussian_enhancer.network.network import CachesReferences, Network
 from gaussian_enhancer.network.pyramid import upsample_bicubic
@@ -82,10 +84,12 @@ class SetEnhancer:
             one, in [0, 1) (`smooth_change`). Super-resolution does not support it.
         colour_clamping: side in pixels of a window; each enhanced pixel that a reference sees is clamped to the colours
             of the render and of the warped references in the window around it (`clamp_to_references`). 0 turns clamping
-            off. This and the next two options have no effect on super-resolution, or if references are not warped.
+            off. This and the next two options have no effect if references are not warped. In super-resolution they
+            limit the change at the render's resolution, before the finer scales.
         colour_completion: where no reference is visible, replace the smooth part of the network's change by the one
             that visible pixels predict (`complete_change`).
-        confidence: predicts the shares of the change to apply; None applies all of it.
+        confidence: predicts the shares of the change to apply; None applies all of it. In super-resolution, the share
+            of the details also limits what the finer scales change.
         pass_through: return the render itself if no reference is visible in a view. A network that was trained with
             references can only guess without any. It has no effect on super-resolution.
         keeps_coverage: also return the coverage of each view by references (`EnhancedView`).
@@ -271,26 +275,59 @@ class SetEnhancer:
             return views.render.float().clamp(0, 1).cpu()
         if views.depth is not None and not bool(usable_depth(views.depth).any()):
             views = dataclasses.replace(views, depth=None, depth_unit=None)
-        with torch.autocast(self.device.type, self.dtype, enabled=self.dtype != torch.float32):
-            if reference_features is not None and max(views.render.shape[-2:]) <= self.tile:
-                enhanced = reference_features.network(views, reference_features(views, names))
-            else:
-                tile = self.tile if self.network.scale == 1 else 2 * self.tile
-                enhanced = enhance_tiled(self.network, views, tile, self.halo, scale=self.network.scale)
-        enhanced = enhanced.float()
-        if isinstance(self.reference_config.warp, Reprojected) and self.network.scale == 1:
-            if self.colour_clamping:
-                enhanced = clamp_to_references(enhanced, views, self.colour_clamping)
-            if self.colour_completion:
-                enhanced = complete_change(enhanced, views)
-            if self.confidence is not None:
-                enhanced = self.confidence(enhanced, views)
+        is_warped = isinstance(self.reference_config.warp, Reprojected)
+        if reference_features is not None and max(views.render.shape[-2:]) <= self.tile:
+            with self._autocast():
+                enhanced = reference_features.network(views, reference_features(views, names)).float()
+        elif is_warped and isinstance(self.network, Cascade):
+            enhanced = self._super_resolve(self.network, views)
+        else:
+            enhanced = self._run(self.network, views)
+            if is_warped and self.network.scale == 1:
+                enhanced, _ = self._limit_change(enhanced, views)
         if self.strength < 1:
             upsampled_render = upsample_bicubic(views.render, self.network.scale)
             enhanced = upsampled_render + self.strength * (enhanced - upsampled_render)
         if self.network.scale > 1:  # the result shares no memory with the input
             return enhanced.clamp_(0, 1).cpu()
         return enhanced.clamp(0, 1).cpu()
+
+    def _autocast(self) -> torch.autocast:
+        return torch.autocast(self.device.type, self.dtype, enabled=self.dtype != torch.float32)
+
+    def _run(self, network: Network, views: NetworkInput) -> Float[Tensor, "b 3 _ _"]:
+        """Run a network, in tiles where the image is large."""
+        tile = self.tile if network.scale == 1 else 2 * self.tile
+        with self._autocast():
+            return enhance_tiled(network, views, tile, self.halo, scale=network.scale).float()
+
+    def _super_resolve(self, cascade: Cascade, views: NetworkInput) -> Float[Tensor, "b 3 H W"]:
+        """Enhance at the render's resolution, limit that change, and enhance the result to 4 times the resolution.
+
+        The confidence was trained at the render's resolution. Its share of the details also limits what the finer
+        scales change.
+        """
+        enhanced = self._run(cascade.first, dataclasses.replace(views, fine_references=None))
+        enhanced, shares = self._limit_change(enhanced, views)
+        finer = self._run(cascade.second, dataclasses.replace(views, render=enhanced))
+        if shares is None:
+            return finer
+        height, width = finer.shape[-2:]
+        details = F.interpolate(shares[:, 1:], scale_factor=BLOCK * cascade.scale, mode="bilinear")
+        return upsample_bicubic(enhanced, cascade.scale).lerp_(finer, details[..., :height, :width])
+
+    def _limit_change(
+        self, enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput
+    ) -> tuple[Float[Tensor, "b 3 h w"], Float[Tensor, "b k i j"] | None]:
+        """Limit the change to a render; also returns the confidence's shares, or None without a confidence."""
+        if self.colour_clamping:
+            enhanced = clamp_to_references(enhanced, views, self.colour_clamping)
+        if self.colour_completion:
+            enhanced = complete_change(enhanced, views)
+        if self.confidence is None:
+            return enhanced, None
+        shares = self.confidence.shares(enhanced, views)
+        return apply_shares(enhanced, views.render, shares), shares
 
 
 def _same_pose(camera: Camera | None, other: Camera | None) -> bool:

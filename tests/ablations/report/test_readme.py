@@ -1,10 +1,23 @@
-"""README's figures are those of the records."""
+"""Figures of the README and of the documentation's first page are those of the records."""
 
+from pathlib import Path
+
+import pandas as pd
 import pytest
 
-from ablations.report.readme import BEGIN, END, RECORDS, SCENES, insert_between_marks, text
+from ablations.report.readme import (
+    BEGIN,
+    CAPTURES,
+    END,
+    ROWS,
+    TEST,
+    converged_table,
+    fill_page,
+    frozen_test_table,
+    insert_between_marks,
+)
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.metrics.records import Record, read_records
+from gaussian_enhancer.metrics.records import Record
 from support.paths import ROOT
 
 
@@ -16,32 +29,49 @@ def measured(run: str, scene: str, variant: str, psnr: float) -> Record:
 def both(gain: float) -> list[Record]:
     """Two fits of every scene, at 20 and 30 dB."""
     return [
-        measured(f"{scene}-{psnr}", scene, variant, psnr + more)
-        for scene in SCENES
+        measured(f"{scene}-{psnr}", f"{scene}_5000", variant, psnr + more)
+        for scene in ROWS
         for psnr in (20.0, 30.0)
         for variant, more in (("lr/raw", 0.0), ("lr/lr_tiny", gain))
     ]
 
 
-def test_the_readme_says_what_its_records_say() -> None:
-    page = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert insert_between_marks(page, text(read_records(ROOT / RECORDS))) == page
+@pytest.mark.parametrize("name", ["README.md", "docs/index.md"])
+def test_the_front_pages_say_what_their_records_say(name: str) -> None:
+    page = (ROOT / name).read_text(encoding="utf-8")
+    assert fill_page(page, ROOT, name) == page
 
 
 def test_numbers_are_means_over_fits_and_the_worst_frame_is_told() -> None:
-    made = text(both(0.5))
+    made = frozen_test_table(both(0.5))
     assert "| fox (real) | 25.00 → 25.50 dB | +0.50 dB |" in made
-    assert "In colour-aligned PSNR, every one of the 12 frames gains, at least 0.500 dB; in plain PSNR," in made
-    assert "12 of 12 frames lose, at most 0.25 dB" in text(both(-0.25))
+    assert "In colour-aligned PSNR, every one of the 14 frames gains, at least 0.500 dB; in plain PSNR," in made
+    assert "14 of 14 frames lose, at most 0.25 dB" in frozen_test_table(both(-0.25))
 
 
 def test_a_view_without_its_raw_render_is_refused() -> None:
     with pytest.raises(InputError, match="no raw render"):
-        text([one for one in both(1.0) if one.variant == "lr/lr_tiny"])
+        frozen_test_table([one for one in both(1.0) if one.variant == "lr/lr_tiny"])
+
+
+def test_converged_splats_are_shown_at_their_last_step_with_what_loses() -> None:
+    def row(scene: str, step: int, gain: float, method: str = "lr_tiny") -> dict[str, object]:
+        measured = {"raw_psnr_aligned": 25.0, "gain_psnr_aligned": gain, "blocks_harmed": 0.04}
+        return {"method": method, "scene": scene, "step": step, **measured}
+
+    rows = [row(scene, 7000, 1.0) for scene in CAPTURES if scene not in ("banana", "plush")]
+    rows += [row("banana", 15000, 1.0), row("banana", 15000, 2.0), row("banana", 999, 9.0), row("plush", 15000, -0.5)]
+    made = converged_table(pd.DataFrame([*rows, row("plush", 15000, 9.0, "lr_tiny@1 plain")]))
+    assert "| banana (validation) | 15,000 | 25.00 dB | +1.50 dB | +1.00 dB | 0 of 2 | 4.0% |" in made
+    assert "| plush (validation) | 15,000 | 25.00 dB | -0.50 dB | **-0.50** dB | 1 of 1 | 4.0% |" in made
+    assert made.endswith("\nMean of the 2 captures of 15,000 steps: +0.50 dB, 4.0% of blocks.\n")
 
 
 def test_only_what_stands_between_the_marks_is_replaced() -> None:
-    page = f"before\n{BEGIN}\nold\n{END}\nafter"
-    assert insert_between_marks(page, "new\n") == f"before\n{BEGIN}\nnew\n{END}\nafter"
+    begin = BEGIN.format(TEST)
+    page = f"before\n{begin}\nold\n{END}\nafter"
+    assert insert_between_marks(page, "new\n", begin) == f"before\n{begin}\nnew\n{END}\nafter"
     with pytest.raises(InputError, match="no place"):
-        insert_between_marks("before", "new")
+        insert_between_marks("before", "new", begin)
+    with pytest.raises(InputError, match="no place"):
+        fill_page("before", Path())
