@@ -14,33 +14,31 @@ from gaussian_enhancer.metrics.records import Record, read_records
 TEST, CONVERGENCE = "docs/results/test.jsonl", "docs/results/convergence.jsonl"
 BEGIN, END = "<!-- {}: gaussian-enhancer pages write=true -->", "<!-- end -->"
 RAW, ENHANCED = "lr/raw", "lr/lr_tiny"
-ROWS = {
+SCENES = {
     "fox": "fox (real)",
     "monstree": "monstree (real)",
-    "harbour": "harbour, a family unseen in training",
-    "unbounded": "unbounded (in-distribution)",
-    "outdoor": "outdoor (in-distribution)",
-    "indoor": "indoor (in-distribution)",
-    "object": "object (in-distribution)",
+    "harbour": "harbour (family unseen in training)",
+    "unbounded": "in-distribution unbounded",
+    "outdoor": "outdoor",
+    "indoor": "indoor",
+    "object": "object",
 }
-"""Rows of the table of test scenes, by the scenes' names without seed."""
+"""Test scenes by their name without seed, as the sentence on them names them."""
 CAPTURES = {
     "banana": "banana (validation)",
     "plush": "plush (validation)",
     "cyprus": "cyprus (validation)",
-    "flowerpot": "flowerpot, turned under fixed lights (validation)",
+    "flowerpot": "flowerpot (validation)",
     "copr": "copr (validation)",
     "monstree": "monstree (test)",
     "fox": "fox (test)",
 }
 """Rows of the table of converged splats."""
 METHOD, CONVERGED_STEPS = "lr_tiny", 15000
-HEAD = "| scene | PSNR, raw → enhanced | gain in colour-aligned PSNR | LPIPS (alex) |\n|---|---|---|---|\n"
-LINE = "{:.2f} → {:.2f} dB | {:+.2f} dB | {:+.4f}"
 
 
 def views(records: Sequence[Record]) -> pd.DataFrame:
-    """Enhanced views with their gains over the raw render, and the row of the table that they belong to.
+    """Enhanced views with their gains over the raw render, and the names of their scenes without seed.
 
     Raises:
         InputError: a view was enhanced but not measured raw.
@@ -50,16 +48,16 @@ def views(records: Sequence[Record]) -> pd.DataFrame:
     gains = gains[gains["variant"] == ENHANCED]
     for _, record in gains[gains["gain psnr"].isna()].iterrows():
         raise InputError(f"{record['run']}, {record['view']}", "has no raw render in the records", "measure it again")
-    return gains.assign(raw=gains["psnr"] - gains["gain psnr"], row=gains["scene"].str.partition("_")[0])
+    return gains.assign(raw=gains["psnr"] - gains["gain psnr"], name=gains["scene"].str.partition("_")[0])
 
 
-def frozen_test_table(records: Sequence[Record]) -> str:
-    """The table of test scenes (means over fits of the means over their views), and a sentence on single frames."""
+def frozen_test_sentence(records: Sequence[Record]) -> str:
+    """Sentences on the gains in test scenes, means over fits of the means over their views, and on single frames."""
     enhanced_views = views(records)
-    fits = enhanced_views.groupby(["row", "run"])[["raw", "psnr", "gain psnr_aligned", "gain lpips_alex"]].mean()
-    means = fits.groupby("row").mean()
-    lines = [f"| {title} | {LINE.format(*means.loc[row])} |\n" for row, title in ROWS.items()]
-    return f"{HEAD}{''.join(lines)}\n{_worst(enhanced_views)}\n"
+    fits = enhanced_views.groupby(["name", "run"])["gain psnr_aligned"].mean()
+    means = fits.groupby("name").mean()
+    gains = ", ".join(f"{title} {means[name]:+.2f} dB" for name, title in SCENES.items())
+    return f"Gains: {gains}. {_worst(enhanced_views)}\n"
 
 
 def converged_table(rows: pd.DataFrame) -> str:
@@ -79,18 +77,18 @@ def converged_table(rows: pd.DataFrame) -> str:
             (
                 title,
                 f"{step:,}",
-                f"{of_scene['raw_psnr_aligned'].mean():.2f} dB",
-                f"{gains.mean():+.2f} dB",
-                f"{worst} dB",
-                f"{(gains < 0).sum()} of {len(gains)}",
+                f"{of_scene['raw_psnr_aligned'].mean():.2f}",
+                f"{gains.mean():+.2f}",
+                worst,
+                f"{(gains < 0).sum()}/{len(gains)}",
                 f"{of_scene['blocks_harmed'].mean():.1%}",
             )
         )
         if step == CONVERGED_STEPS:
             means.append((gains.mean(), of_scene["blocks_harmed"].mean()))
-    headings = ("capture", "steps", "raw", "mean gain", "worst view", "views that lose", "blocks that lose > 0.5 dB")
+    headings = ("capture", "steps", "raw, dB", "gain, dB", "worst view", "views worse", "blocks worse by 0.5 dB")
     gain, harmed = (sum(values) / len(means) for values in zip(*means, strict=True))
-    mean = f"Mean of the {len(means)} captures of {CONVERGED_STEPS:,} steps: {gain:+.2f} dB, {harmed:.1%} of blocks."
+    mean = f"Mean of the {len(means)} at {CONVERGED_STEPS:,} steps: {gain:+.2f} dB, {harmed:.1%} of blocks worse."
     return f"{markdown(frame(headings, lines))}\n{mean}\n"
 
 
@@ -99,7 +97,7 @@ def _read_rows(path: Path) -> pd.DataFrame:
 
 
 FIGURES: dict[str, Callable[[Path], str]] = {
-    TEST: lambda path: frozen_test_table(read_records(path)),
+    TEST: lambda path: frozen_test_sentence(read_records(path)),
     CONVERGENCE: lambda path: converged_table(_read_rows(path)),
 }
 """Texts by the file of their records."""
@@ -152,6 +150,6 @@ def _worst(enhanced_views: pd.DataFrame) -> str:
         if worse:
             lines.append(f"in {name}, {worse} of {len(gains)} frames lose, at most {-gains.min():.2f} dB")
         else:
-            lines.append(f"in {name}, every one of the {len(gains)} frames gains, at least {gains.min():.3f} dB")
+            lines.append(f"in {name}, all {len(gains)} frames gain, at least {gains.min():.3f} dB")
     sentence = "; ".join(lines)
     return f"{sentence[0].upper()}{sentence[1:]}."

@@ -9,11 +9,11 @@ from ablations.report.readme import (
     BEGIN,
     CAPTURES,
     END,
-    ROWS,
+    SCENES,
     TEST,
     converged_table,
     fill_page,
-    frozen_test_table,
+    frozen_test_sentence,
     insert_between_marks,
 )
 from gaussian_enhancer.errors import InputError
@@ -30,7 +30,7 @@ def both(gain: float) -> list[Record]:
     """Two fits of every scene, at 20 and 30 dB."""
     return [
         measured(f"{scene}-{psnr}", f"{scene}_5000", variant, psnr + more)
-        for scene in ROWS
+        for scene in SCENES
         for psnr in (20.0, 30.0)
         for variant, more in (("lr/raw", 0.0), ("lr/lr_tiny", gain))
     ]
@@ -43,15 +43,15 @@ def test_the_front_pages_say_what_their_records_say(name: str) -> None:
 
 
 def test_numbers_are_means_over_fits_and_the_worst_frame_is_told() -> None:
-    made = frozen_test_table(both(0.5))
-    assert "| fox (real) | 25.00 → 25.50 dB | +0.50 dB |" in made
-    assert "In colour-aligned PSNR, every one of the 14 frames gains, at least 0.500 dB; in plain PSNR," in made
-    assert "14 of 14 frames lose, at most 0.25 dB" in frozen_test_table(both(-0.25))
+    made = frozen_test_sentence(both(0.5))
+    assert made.startswith("Gains: fox (real) +0.50 dB, monstree (real) +0.50 dB, harbour (family unseen in training)")
+    assert "In colour-aligned PSNR, all 14 frames gain, at least 0.500 dB; in plain PSNR, all 14 frames gain," in made
+    assert "14 of 14 frames lose, at most 0.25 dB" in frozen_test_sentence(both(-0.25))
 
 
 def test_a_view_without_its_raw_render_is_refused() -> None:
     with pytest.raises(InputError, match="no raw render"):
-        frozen_test_table([one for one in both(1.0) if one.variant == "lr/lr_tiny"])
+        frozen_test_sentence([one for one in both(1.0) if one.variant == "lr/lr_tiny"])
 
 
 def test_converged_splats_are_shown_at_their_last_step_with_what_loses() -> None:
@@ -62,9 +62,9 @@ def test_converged_splats_are_shown_at_their_last_step_with_what_loses() -> None
     rows = [row(scene, 7000, 1.0) for scene in CAPTURES if scene not in ("banana", "plush")]
     rows += [row("banana", 15000, 1.0), row("banana", 15000, 2.0), row("banana", 999, 9.0), row("plush", 15000, -0.5)]
     made = converged_table(pd.DataFrame([*rows, row("plush", 15000, 9.0, "lr_tiny@1 plain")]))
-    assert "| banana (validation) | 15,000 | 25.00 dB | +1.50 dB | +1.00 dB | 0 of 2 | 4.0% |" in made
-    assert "| plush (validation) | 15,000 | 25.00 dB | -0.50 dB | **-0.50** dB | 1 of 1 | 4.0% |" in made
-    assert made.endswith("\nMean of the 2 captures of 15,000 steps: +0.50 dB, 4.0% of blocks.\n")
+    assert "| banana (validation) | 15,000 | 25.00 | +1.50 | +1.00 | 0/2 | 4.0% |" in made
+    assert "| plush (validation) | 15,000 | 25.00 | -0.50 | **-0.50** | 1/1 | 4.0% |" in made
+    assert made.endswith("\nMean of the 2 at 15,000 steps: +0.50 dB, 4.0% of blocks worse.\n")
 
 
 def test_only_what_stands_between_the_marks_is_replaced() -> None:
