@@ -351,6 +351,7 @@ class Peers(Options):
     records: RecordsFile
     records_only: bool
     quality: RecordsFile
+    equal_budget: RecordsFile
     tried: PixelSize
     page: PathText
 

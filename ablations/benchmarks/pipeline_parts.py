@@ -37,7 +37,7 @@ PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
     "network": ((enhancer, "enhance_tiled"),),
     "clamp colours": ((enhancer, "clamp_to_references"),),
     "complete colours": ((enhancer, "complete_change"),),
-    "confidence": ((ChangeConfidence, "forward"),),
+    "confidence": ((ChangeConfidence, "shares"), (enhancer, "apply_shares")),
     "write": ((image_files, "write_image"),),
 }
 """Parts in the order in which a view passes through them, and their functions."""

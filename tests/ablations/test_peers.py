@@ -154,12 +154,11 @@ def test_clocks_change_no_image_and_parts_add_up_to_the_whole(tmp_path, name: st
     assert torch.equal(clocked, one.image)
     (lap,) = stopwatch.laps["view"]
     used = {part for part, value in lap.items() if value > 0}
-    limits = {"clamp colours", "complete colours", "confidence"} if name == "lr_tiny" else set()
-    assert (
-        used
-        == {READ, "plan", "search depth", "warp", "check and rank", "align, the rest", "network", "write", REST}
-        | limits
+    aligning, limiting = (
+        {"search depth", "warp", "check and rank", "align, the rest"},
+        {"clamp colours", "complete colours"},
     )
+    assert used == {READ, "plan", *aligning, "network", *limiting, "confidence", "write", REST}
     assert sum(lap.values()) == pytest.approx(taken, rel=0.05, abs=1)
     assert set(lap) == {*PARTS, REST}
     enhance()
