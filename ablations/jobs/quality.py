@@ -76,8 +76,8 @@ def _reported(cfg: DictConfig) -> float | None:
 def study_cells(cfg: DictConfig, table: DictConfig) -> Iterator[StudyCell]:
     """The cells of a table: scenes x splats x densities, without those that the table or the user leaves out."""
 
-    def included(name: str, *choices: Sequence[str] | None) -> bool:
-        return all(choice is None or name in choice for choice in choices)
+    def included(name: str, choices: Sequence[str] | None) -> bool:
+        return choices is None or name in choices
 
     for group in cfg.groups.values():
         for scene, overrides in group.scenes.items():

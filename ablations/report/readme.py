@@ -1,13 +1,12 @@
 """Makes the figures of the README and of the documentation's first page from committed records."""
 
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pandas as pd
 
 from ablations.study.markdown import frame, markdown
-from ablations.study.rows import frame_of, with_gains
+from ablations.study.rows import RowFile, frame_of, with_gains
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record, read_records
 
@@ -48,7 +47,7 @@ def views(records: Sequence[Record]) -> pd.DataFrame:
     gains = gains[gains["variant"] == ENHANCED]
     for _, record in gains[gains["gain psnr"].isna()].iterrows():
         raise InputError(f"{record['run']}, {record['view']}", "has no raw render in the records", "measure it again")
-    return gains.assign(raw=gains["psnr"] - gains["gain psnr"], name=gains["scene"].str.partition("_")[0])
+    return gains.assign(name=gains["scene"].str.partition("_")[0])
 
 
 def frozen_test_sentence(records: Sequence[Record]) -> str:
@@ -92,13 +91,9 @@ def converged_table(rows: pd.DataFrame) -> str:
     return f"{markdown(frame(headings, lines))}\n{mean}\n"
 
 
-def _read_rows(path: Path) -> pd.DataFrame:
-    return pd.DataFrame(map(json.loads, path.read_text(encoding="utf-8").splitlines()))
-
-
 FIGURES: dict[str, Callable[[Path], str]] = {
     TEST: lambda path: frozen_test_sentence(read_records(path)),
-    CONVERGENCE: lambda path: converged_table(_read_rows(path)),
+    CONVERGENCE: lambda path: converged_table(RowFile(path, ("method", "scene", "step", "view")).read()),
 }
 """Texts by the file of their records."""
 

@@ -95,13 +95,7 @@ class ChangeConfidence(nn.Module):
 def apply_shares(
     enhanced: Float[Tensor, "b 3 h w"], render: Float[Tensor, "b 3 h w"], shares: Float[Tensor, "b k i j"]
 ) -> Float[Tensor, "b 3 h w"]:
-    """The render plus each block's shares of the bands of the change, by the compiled kernel where it can be used.
-
-    Args:
-        enhanced: the network's output, in [0, 1].
-        render: the render.
-        shares: shares of the change's means and of its details, interpolated linearly between the blocks' centres.
-    """
+    """`apply_shares_torch`, by the compiled kernel where it can be used."""
     apply = apply_shares_compiled if can_use_kernels(enhanced, render, shares) else apply_shares_torch
     return apply(enhanced, render, shares)
 
