@@ -190,9 +190,28 @@ def test_parts_begin_with_weights_of_their_own():
     other = configured(*cascade, "+initial.first=lr_base")
     with pytest.raises(InputError, match="widths"):
         _network(other)
-    with pytest.raises(InputError, match="no part of the network"):
+    with pytest.raises(InputError, match="no network of a cascade"):
         _network(configured(*cascade, "+initial.third=lr_tiny"))
     assert len({str(effective_config(network_configuration(one))) for one in (cfg, other, configured(*cascade))}) == 3
+
+
+def test_a_part_begins_with_that_part_of_a_cascade():
+    cascade = ["fusion=cascade", "size=tiny", *MISSING]
+    begun = load_weights("sr_tiny").network.second.state_dict()
+    second = _network(configured(*cascade, "+initial.second=sr_tiny")).second.state_dict()
+    assert all(torch.equal(value, begun[name]) for name, value in second.items())
+
+
+def test_a_frozen_network_of_a_cascade_keeps_its_values_and_is_part_of_the_run():
+    cascade = ["fusion=cascade", *MISSING]
+    frozen, plain = configured(*cascade, "frozen=[first]"), configured(*cascade)
+    trained = {name for name, value in _network(frozen).named_parameters() if value.requires_grad}
+    assert trained == {name for name, _ in _network(plain).named_parameters() if name.startswith("second.")}
+    assert effective_config(network_configuration(frozen)) != effective_config(network_configuration(plain))
+    assert "frozen" not in network_configuration(plain)
+    for missing in (configured(*cascade, "frozen=[third]"), configured(*MISSING, "frozen=[gather]")):
+        with pytest.raises(InputError, match="no network of a cascade"):
+            _network(missing)
 
 
 def test_training_on_simulated_renders_writes_a_card(plane_run, other_plane_run, tmp_path):

@@ -107,6 +107,7 @@ def _train(cfg: DictConfig, job: Run) -> float | None:
         "seed": int(cfg.seed),
         "run": job.digest,
         **_initial_weights_entry(cfg),
+        **({"frozen": list(cfg.frozen)} if cfg.get("frozen") else {}),
         **({"dropped": non_finite} if non_finite else {}),
     }
     save_weights(job.folder / "weights.safetensors", module.network, reference_config, card)  # type: ignore[arg-type]
@@ -117,28 +118,49 @@ def _train(cfg: DictConfig, job: Run) -> float | None:
 
 
 def _network(cfg: DictConfig) -> "Network":
-    """Build the network to train, untrained or with the values of the weights ``initial``.
+    """Build the network to train, untrained or with the values of the weights ``initial``, its ``frozen`` parts fixed.
 
     Raises:
-        InputError: the initial weights cannot be read, or their design differs from the configuration's network.
+        InputError: the initial weights cannot be read, or their design differs from the configuration's network; or
+            there is no part of a name.
     """
     network: Network = build(cfg.fusion)
     if cfg.get("faithful") and not type(network).__module__.startswith("gaussian_enhancer.network.paper."):
         remedy = "choose fusion=sif, ssif_lr or ssif_sr, or mode=ours"
         raise InputError("mode=paper", f"has no {type(network).__name__}", remedy)
     for name, weights in _initial_weights(cfg).items():
-        part = getattr(network, name, None) if name else network
-        if part is None:
-            raise InputError("initial", f"names {name!r}, no part of the network", "name parts of fusion, or weights")
+        part, source = network, load_weights(weights).network
+        if name:
+            part = _part_of(network, name, "initial")
+            source = _part_of(source, name, "initial") if type(source) is type(network) else source
         try:
-            copy_values(part, load_weights(weights).network)
+            copy_values(part, source)
         except ValueError as error:
             raise InputError(f"weights {weights}", str(error), "choose fusion and size as they have") from None
+    for name in cfg.get("frozen", ()):
+        _part_of(network, name, "frozen").requires_grad_(False)
     return network
 
 
+def _part_of(network: "Network", name: str, option: str) -> "Network":
+    """The network within a cascade that an option names.
+
+    Raises:
+        InputError: there is none of this name.
+    """
+    part: Network | None = dict(network.named_children()).get(name)  # type: ignore[assignment]
+    if part is None or not hasattr(part, "design"):
+        raise InputError(
+            option, f"names {name!r}, no network of a cascade", "choose fusion=cascade, and first or second"
+        )
+    return part
+
+
 def _initial_weights(cfg: DictConfig) -> dict[str, str]:
-    """Initial weights by the name of the part of the network that they initialise; "" stands for the whole network."""
+    """Initial weights by the name of the part of the network that they initialise; "" stands for the whole network.
+
+    Weights of a whole cascade initialise a part with their own part of that name.
+    """
     initial = cfg.get("initial")
     if initial is None:
         return {}
@@ -211,12 +233,14 @@ def _second_stage_digest(weights: str) -> str:
 def _without_unused_keys(cfg: DictConfig) -> DictConfig:
     """The configuration without keys of no effect, which are then neither built nor part of the run's name.
 
-    These keys are the simulator with its gate and generator if nothing is simulated, and ``initial`` if it is null.
+    These keys are the simulator with its gate and generator if nothing is simulated, and ``initial`` and ``frozen`` if
+    they are empty.
     """
     reduced = copy.deepcopy(cfg)
     with open_dict(reduced):
-        if reduced.get("initial") is None:
-            reduced.pop("initial", None)
+        for key in ("initial", "frozen"):
+            if not reduced.get(key):
+                reduced.pop(key, None)
         if reduced.data.simulation.share == 0:
             for key in ("gate", "generator"):
                 reduced.pop(key)
