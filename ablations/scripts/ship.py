@@ -4,6 +4,8 @@ Writes `NAME.safetensors` and `NAME.json` to the package's folder of weights. Th
 (data, steps, seed, hash of the configuration, validation); its two texts summarise docs/results/test.md.
 ``first`` replaces a cascade's first network by weights that were trained on more data than the cascade; their
 confidence and their way to align references come with them.
+``confidence`` names weights whose confidence is used: its features describe how references support a change, and not
+the network that made it.
 ``references`` and ``candidates`` replace the numbers of references and candidates that the training used.
 """
 
@@ -19,7 +21,7 @@ from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.weights import Pretrained, design_of, load_weights, reference_config_of, save_weights
 from gaussian_enhancer.network.cascade import Cascade
 from gaussian_enhancer.network.network import Network
-from gaussian_enhancer.runs.instantiate import require
+from gaussian_enhancer.runs.instantiate import plain_values, require
 
 
 def with_first(network: Network, first: Pretrained) -> tuple[Cascade, dict[str, Any]]:
@@ -32,6 +34,11 @@ def with_first(network: Network, first: Pretrained) -> tuple[Cascade, dict[str, 
         raise InputError("weights", f"are of {type(network).__name__}", "give those of a cascade with first=")
     first_card = {name: first.card.get(name) for name in ("name", "run", "steps", "data")}
     return Cascade(first.network, network.second, network.colour_clamping), first_card
+
+
+def _credits_of(*pretrained: Pretrained) -> list[str]:
+    """The credits of all cards, each once."""
+    return list(dict.fromkeys(credit for one in pretrained for credit in one.card.get("credits", ())))
 
 
 def run(cfg: DictConfig) -> None:
@@ -53,8 +60,14 @@ def run(cfg: DictConfig) -> None:
         network, first_card = with_first(network, first)
         # The confidence was trained on the change of that network, with references aligned as for it.
         reference_config, confidence = replace(first.reference_config, fine=True), first.confidence
-        credits = dict.fromkeys([*card.get("credits", ()), *first.card.get("credits", ())])
-        card |= {"first": first_card, "design": design_of(network), "credits": list(credits)}
+        card |= {"first": first_card, "design": design_of(network), "credits": _credits_of(pretrained, first)}
+    if cfg.confidence:
+        donor = load_weights(cfg.confidence)
+        if donor.confidence is None:
+            raise InputError("confidence", f"names {cfg.confidence}, which has none", "name weights with a confidence")
+        confidence, entry = donor.confidence, {"of": donor.card.get("name"), **donor.card.get("confidence", {})}
+        card |= {"confidence": entry, "credits": _credits_of(pretrained, donor)}
+    card |= plain_values(cfg.card)
     counts = {name: cfg[name] for name in ("references", "candidates") if cfg[name] is not None}
     reference_config = replace(reference_config, **counts)
     card |= {"reference_config": reference_config_of(reference_config)}

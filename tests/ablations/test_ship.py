@@ -58,3 +58,28 @@ def test_other_numbers_of_references_and_candidates_are_shipped_with_the_weights
     assert (config.references, config.candidates) == (2, 3)
     card = json.loads((shipped / "new.json").read_text())["reference_config"]
     assert (card["references"], card["candidates"]) == (2, 3)
+
+
+def test_weights_are_shipped_with_the_confidence_of_others_and_credit_its_captures(tmp_path, monkeypatch, job, capsys):
+    shipped = tmp_path / "shipped"
+    shipped.mkdir()
+    monkeypatch.setattr(ship, "SHIPPED_FOLDER", shipped)
+    torch.manual_seed(0)
+    confidence = ChangeConfidence(8)
+    for name, kept in (("plain", None), ("donor", confidence)):
+        card = {"name": name, "data": "old", "credits": ["both", name], "confidence": {"views": 7}}
+        save_weights(tmp_path / f"{name}.safetensors", SSIFLR(**SMALL), ReferenceConfig(), card, kept)
+    ship_plain = ["ship", f"weights={tmp_path}/plain.safetensors", *TEXTS]
+    job(*ship_plain, f"confidence={tmp_path}/donor.safetensors", "+card.data=new")
+    found = load_weights(shipped / "new.safetensors")
+    assert found.confidence is not None
+    for name, value in confidence.state_dict().items():
+        torch.testing.assert_close(found.confidence.state_dict()[name], value.half().float())
+    assert found.card["confidence"] == {"of": "donor", "views": 7}
+    assert found.card["credits"] == ["both", "plain", "donor"]
+    assert found.card["data"] == "new"
+    before = (shipped / "new.json").read_text()
+    with pytest.raises(SystemExit):
+        job(*ship_plain, f"confidence={tmp_path}/plain.safetensors")
+    assert "which has none; name weights with a confidence" in capsys.readouterr().err
+    assert (shipped / "new.json").read_text() == before
