@@ -157,8 +157,12 @@ WEIGHTS = (
     "data.train=[runs/fit/conch-*,runs/fit/caliterra-*,runs/fit/axe-*,runs/fit/boruszyn-*,runs/fit/viking-*]",
     "+recipe=lr_converged fusion=ssif_lr label=lr_second optimizer.lr=8e-4 +card.name=lr_second initial={lr_begun}",
     "+recipe=lr_converged fusion=ssif_lr trainer.max_steps=12000 +card.name=lr_tiny initial={lr_second}",
-    "+recipe=lr_long fusion=ssif_lr size=base trainer.max_steps=7000 optimizer.lr=1.5e-3 label=lr_base "
-    "+card.name=lr_base",
+    "+recipe=lr_long fusion=ssif_lr size=base trainer.max_steps=7000 optimizer.lr=1.5e-3 label=base_begun "
+    "+card.name=base_begun",
+    "+recipe=lr_converged fusion=ssif_lr size=base trainer.max_steps=4000 label=lr_base +card.name=lr_base "
+    "initial={base_begun} +reference_config.warp.tolerance=0.1 +reference_config.warp.photo_consistency=0.4 "
+    "data.train=[runs/fit/conch-*,runs/fit/viking-*,runs/fit/tumdesk-*,runs/fit/panel17-*,runs/fit/axe-*,"
+    "runs/fit/caliterra-*,runs/fit/office-*,runs/fit/boruszyn-*,runs/fit/lewis-*]",
     "+recipe=sr_shipped size=tiny",
     "+recipe=sr_cascade fusion=cascade size=tiny label=sr_tiny +card.name=sr_tiny initial.first={lr_further} "
     "initial.second={sr_shipped}",

@@ -6,12 +6,15 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.checkpoint import find_checkpoint
 from gaussian_enhancer.cli.train import _network, network_configuration
 from gaussian_enhancer.degrade.simulator import NoSecondStage, Simulator
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
-from gaussian_enhancer.infer.weights import design_of, load_weights
+from gaussian_enhancer.infer.weights import design_of, load_weights, save_weights
+from gaussian_enhancer.network.fuse import Trust
+from gaussian_enhancer.network.ssif_lr import SSIFLR
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import effective_config
 from gaussian_enhancer.scene.renders import read_run
@@ -167,13 +170,16 @@ def test_training_begins_with_weights_and_its_card_tells_of_them(plane_run, othe
     assert kept.card["initial"]["steps"] == begun.card["steps"]
 
 
-def test_a_network_that_pools_references_begins_with_weights_that_do_not():
-    base = [*MISSING, "fusion=ssif_lr", "size=base", "initial=lr_base"]
+def test_a_network_that_pools_references_begins_with_weights_that_do_not(tmp_path):
+    unpooled = tmp_path / "unpooled.safetensors"
+    save_weights(unpooled, SSIFLR((16, 24, 32), (1, 1, 2), fusion=Trust()), ReferenceConfig(), {})
+    base = [*MISSING, "fusion=ssif_lr", "size=tiny", f"initial={unpooled}"]
     trust = "{_target_: gaussian_enhancer.network.fuse.Trust, pooled: true}"
     begun, network = (
-        load_weights("lr_base").network.state_dict(),
+        load_weights(str(unpooled)).network.state_dict(),
         _network(configured(*base, f"+fusion.fusion={trust}")),
     )
+    assert len(begun) < len(network.state_dict())
     for name, value in network.state_dict().items():
         assert torch.equal(value, begun[name]) if name in begun else not value.any(), name
     with pytest.raises(InputError, match="fusion"):
