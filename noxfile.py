@@ -164,8 +164,10 @@ WEIGHTS = (
     "data.train=[runs/fit/conch-*,runs/fit/viking-*,runs/fit/tumdesk-*,runs/fit/panel17-*,runs/fit/axe-*,"
     "runs/fit/caliterra-*,runs/fit/office-*,runs/fit/boruszyn-*,runs/fit/lewis-*]",
     "+recipe=sr_shipped size=tiny",
-    "+recipe=sr_cascade fusion=cascade size=tiny label=sr_tiny +card.name=sr_tiny initial.first={lr_further} "
+    "+recipe=sr_cascade fusion=cascade size=tiny label=sr_begun +card.name=sr_begun initial.first={lr_further} "
     "initial.second={sr_shipped}",
+    "+recipe=sr_converged size=tiny label=sr_tiny +card.name=sr_tiny initial.first={lr_converged} "
+    "initial.second={sr_begun}",
     "+recipe=ssif_sr size=base",
     "+recipe=sr_cascade fusion=cascade size=base fusion.first.widths=[16,24,32] fusion.first.blocks=[1,1,2] "
     "trainer.max_steps=2000 label=sr_base +card.name=sr_base initial.first={lr_long} initial.second={sr}",
