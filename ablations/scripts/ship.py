@@ -6,6 +6,7 @@ Writes `NAME.safetensors` and `NAME.json` to the package's folder of weights. Th
 confidence and their way to align references come with them.
 ``confidence`` names weights whose confidence is used: its features describe how references support a change, and not
 the network that made it.
+``finer_share`` is the least share of the finer scales' change that super-resolution applies (`SetEnhancer`).
 ``references`` and ``candidates`` replace the numbers of references and candidates that the training used.
 """
 
@@ -67,6 +68,8 @@ def run(cfg: DictConfig) -> None:
             raise InputError("confidence", f"names {cfg.confidence}, which has none", "name weights with a confidence")
         confidence, entry = donor.confidence, {"of": donor.card.get("name"), **donor.card.get("confidence", {})}
         card |= {"confidence": entry, "credits": _credits_of(pretrained, donor)}
+    if cfg.finer_share is not None:
+        card["finer_share"] = cfg.finer_share
     card |= plain_values(cfg.card)
     counts = {name: cfg[name] for name in ("references", "candidates") if cfg[name] is not None}
     reference_config = replace(reference_config, **counts)

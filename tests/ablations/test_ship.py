@@ -26,7 +26,7 @@ def test_a_cascade_is_shipped_with_the_first_network_that_is_named(tmp_path, mon
         card = {"run": name, "steps": 3, "credits": ["whole", name]}
         confidence = ChangeConfidence(8) if name == "lr" else None
         save_weights(tmp_path / f"{name}.safetensors", network, config, card, confidence)
-    first_words = [f"first={tmp_path}/lr.safetensors", *TEXTS]
+    first_words = [f"first={tmp_path}/lr.safetensors", "finer_share=0.75", *TEXTS]
     job("ship", f"weights={tmp_path}/both.safetensors", *first_words)
     found = load_weights(shipped / "new.safetensors")
     assert isinstance(found.network, Cascade)
@@ -38,6 +38,7 @@ def test_a_cascade_is_shipped_with_the_first_network_that_is_named(tmp_path, mon
     assert found.confidence.hidden == 8
     assert (found.reference_config.references, found.reference_config.fine) == (2, True)
     assert found.card["run"] == "both"
+    assert found.finer_share == 0.75
     assert json.loads((shipped / "new.json").read_text())["design"]["first"]["widths"] == [16, 8, 8]
     before = (shipped / "new.json").read_text()
     with pytest.raises(SystemExit):

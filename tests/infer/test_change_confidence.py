@@ -181,9 +181,9 @@ def test_super_resolution_limits_the_change_before_and_within_the_finer_scales()
     cascade = Cascade(moved(SSIFLR(**SMALL)), moved(SSIFSR(**SMALL)))
     options = {"precision": "float32", "colour_completion": False}
 
-    def enhanced(*shares: float) -> torch.Tensor:
-        confidence = judging(*shares) if shares else None
-        return SetEnhancer(cascade, ReferenceConfig(Reprojected()), confidence=confidence, **options).enhance(seen)
+    def enhanced(*shares: float, finer_share: float = 0.0) -> torch.Tensor:
+        limits = {"confidence": judging(*shares) if shares else None, "finer_share": finer_share}
+        return SetEnhancer(cascade, ReferenceConfig(Reprojected()), **limits, **options).enhance(seen)
 
     with torch.inference_mode():
         first = clamp_to_references(cascade.first(replace(seen, fine_references=None)), seen, 3)
@@ -194,8 +194,24 @@ def test_super_resolution_limits_the_change_before_and_within_the_finer_scales()
             expected = torch.lerp(upsample_bicubic(image, 4), finer, shares[1]).clamp(0, 1)
             torch.testing.assert_close(enhanced(*shares), expected, rtol=0, atol=1e-5)
             assert float((finer - upsample_bicubic(image, 4)).abs().max()) > 0.01
+            at_least_half = torch.lerp(upsample_bicubic(image, 4), finer, 0.5 + 0.5 * shares[1]).clamp(0, 1)
+            torch.testing.assert_close(enhanced(*shares, finer_share=0.5), at_least_half, rtol=0, atol=1e-5)
         without_confidence = cascade.second(replace(seen, render=first)).clamp(0, 1)
     torch.testing.assert_close(enhanced(), without_confidence, rtol=0, atol=1e-5)
+
+
+def test_the_share_of_the_finer_scales_comes_from_the_card(tmp_path):
+    network = Cascade(SSIFLR(**SMALL), SSIFSR(**SMALL))
+    config = ReferenceConfig(fine=True)
+    for name, card, expected in (("stated", {"finer_share": 0.75}, 0.75), ("silent", {}, 0.0)):
+        save_weights(tmp_path / f"{name}.safetensors", network, config, card, judging(0.5))
+        pretrained = load_weights(tmp_path / f"{name}.safetensors")
+        assert EnhancementOptions().enhancer(pretrained, config).finer_share == expected
+    save_weights(tmp_path / "wrong.safetensors", network, config, {"name": "wrong", "finer_share": "most"})
+    with pytest.raises(InputError, match="weights wrong: state finer_share 'most'"):
+        EnhancementOptions().enhancer(load_weights(tmp_path / "wrong.safetensors"), config)
+    with pytest.raises(InputError, match="finer_share"):
+        SetEnhancer(network, config, finer_share=1.5)
 
 
 def test_weights_keep_their_confidence(tmp_path):

@@ -90,12 +90,14 @@ class SetEnhancer:
             that visible pixels predict (`complete_change`).
         confidence: predicts the shares of the change to apply; None applies all of it. In super-resolution, the share
             of the details also limits what the finer scales change.
+        finer_share: least share of the finer scales' change that super-resolution applies, in [0, 1]; with 1, the
+            confidence does not limit them.
         pass_through: return the render itself if no reference is visible in a view. A network that was trained with
             references can only guess without any. It has no effect on super-resolution.
         keeps_coverage: also return the coverage of each view by references (`EnhancedView`).
 
     Raises:
-        InputError: precision, strength, temporal_smoothing or colour_clamping is out of range.
+        InputError: precision, strength, temporal_smoothing, finer_share or colour_clamping is out of range.
     """
 
     def __init__(
@@ -113,13 +115,17 @@ class SetEnhancer:
         colour_completion: bool = True,
         confidence: ChangeConfidence | None = None,
         keeps_coverage: bool = False,
+        finer_share: float = 0.0,
     ) -> None:
-        for name, share in (("strength", strength), ("temporal_smoothing", temporal_smoothing)):
+        shares = ("strength", strength), ("temporal_smoothing", temporal_smoothing), ("finer_share", finer_share)
+        for name, share in shares:
             check_value(share, float, name)
         for name, side in (("colour_clamping", colour_clamping), ("tile", tile), ("halo", halo)):
             check_value(side, int, name)
         if not 0 <= strength <= 1:
             raise InputError("strength", f"is {strength}", "use a number from 0 (the render) to 1")
+        if not 0 <= finer_share <= 1:
+            raise InputError("finer_share", f"is {finer_share}", "use a number from 0 (as the confidence says) to 1")
         if not 0 <= temporal_smoothing < 1:
             raise InputError(
                 "temporal_smoothing", f"is {temporal_smoothing}", "use a number from 0 (each view by itself) to below 1"
@@ -140,6 +146,7 @@ class SetEnhancer:
         self.colour_clamping, self.pass_through = colour_clamping, pass_through
         self.colour_completion, self.keeps_coverage = colour_completion, keeps_coverage
         self.confidence = None if confidence is None else confidence.eval().to(self.device)
+        self.finer_share = finer_share
 
     def __call__(
         self,
@@ -305,7 +312,7 @@ class SetEnhancer:
         """Enhance at the render's resolution, limit that change, and enhance the result to 4 times the resolution.
 
         The confidence was trained at the render's resolution. Its share of the details also limits what the finer
-        scales change.
+        scales change, of which at least `finer_share` is applied.
         """
         enhanced = self._run(cascade.first, dataclasses.replace(views, fine_references=None))
         enhanced, shares = self._limit_change(enhanced, views)
@@ -314,6 +321,7 @@ class SetEnhancer:
             return finer
         height, width = finer.shape[-2:]
         details = F.interpolate(shares[:, 1:], scale_factor=BLOCK * cascade.scale, mode="bilinear")
+        details = self.finer_share + (1 - self.finer_share) * details
         return upsample_bicubic(enhanced, cascade.scale).lerp_(finer, details[..., :height, :width])
 
     def _limit_change(
