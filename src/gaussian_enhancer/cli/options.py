@@ -222,6 +222,7 @@ class Train(Training):
     lr_scheduler: Group
     reference_config: Group
     initial: PathText | dict[str, PathText] | None
+    frozen: list[str]
     bad_share: Share
     coarse: NonNegative
 
