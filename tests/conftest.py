@@ -3,6 +3,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+import numba
 import pytest
 import torch
 from hypothesis import HealthCheck, settings
@@ -37,6 +38,9 @@ def pytest_configure(config: pytest.Config) -> None:
         torch.set_num_threads(share)
         os.environ.setdefault("OMP_NUM_THREADS", str(share))
         os.environ.setdefault("NUMBA_NUM_THREADS", str(share))
+        # Numba was imported before this. Without reloading, it would read the number only when it compiles: if kernels
+        # from the cache have launched its threads by then, it refuses.
+        numba.core.config.reload_config()
 
 
 @pytest.fixture(scope="session")
