@@ -11,6 +11,7 @@ the network that made it.
 """
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -37,9 +38,9 @@ def with_first(network: Network, first: Pretrained) -> tuple[Cascade, dict[str, 
     return Cascade(first.network, network.second, network.colour_clamping), first_card
 
 
-def _credits_of(*pretrained: Pretrained) -> list[str]:
+def _merged_credits(*cards: Mapping[str, Any]) -> list[str]:
     """The credits of all cards, each once."""
-    return list(dict.fromkeys(credit for one in pretrained for credit in one.card.get("credits", ())))
+    return list(dict.fromkeys(credit for card in cards for credit in card.get("credits", ())))
 
 
 def run(cfg: DictConfig) -> None:
@@ -61,13 +62,13 @@ def run(cfg: DictConfig) -> None:
         network, first_card = with_first(network, first)
         # The confidence was trained on the change of that network, with references aligned as for it.
         reference_config, confidence = replace(first.reference_config, fine=True), first.confidence
-        card |= {"first": first_card, "design": design_of(network), "credits": _credits_of(pretrained, first)}
+        card |= {"first": first_card, "design": design_of(network), "credits": _merged_credits(card, first.card)}
     if cfg.confidence:
         donor = load_weights(cfg.confidence)
         if donor.confidence is None:
             raise InputError("confidence", f"names {cfg.confidence}, which has none", "name weights with a confidence")
         confidence, entry = donor.confidence, {"of": donor.card.get("name"), **donor.card.get("confidence", {})}
-        card |= {"confidence": entry, "credits": _credits_of(pretrained, donor)}
+        card |= {"confidence": entry, "credits": _merged_credits(card, donor.card)}
     if cfg.finer_share is not None:
         card["finer_share"] = cfg.finer_share
     card |= plain_values(cfg.card)

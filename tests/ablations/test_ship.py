@@ -79,6 +79,11 @@ def test_weights_are_shipped_with_the_confidence_of_others_and_credit_its_captur
     assert found.card["confidence"] == {"of": "donor", "views": 7}
     assert found.card["credits"] == ["both", "plain", "donor"]
     assert found.card["data"] == "new"
+    cascade = Cascade(SSIFLR(**SMALL), SSIFSR(**SMALL))
+    save_weights(tmp_path / "both.safetensors", cascade, ReferenceConfig(fine=True), {"credits": ["cascade"]})
+    parts = [f"first={tmp_path}/plain.safetensors", f"confidence={tmp_path}/donor.safetensors"]
+    job("ship", f"weights={tmp_path}/both.safetensors", *parts, *TEXTS)
+    assert load_weights(shipped / "new.safetensors").card["credits"] == ["cascade", "both", "plain", "donor"]
     before = (shipped / "new.json").read_text()
     with pytest.raises(SystemExit):
         job(*ship_plain, f"confidence={tmp_path}/plain.safetensors")

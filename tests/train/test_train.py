@@ -196,7 +196,7 @@ def test_parts_begin_with_weights_of_their_own():
     other = configured(*cascade, "+initial.first=lr_base")
     with pytest.raises(InputError, match="widths"):
         _network(other)
-    with pytest.raises(InputError, match="no network of a cascade"):
+    with pytest.raises(InputError, match="no part of the network"):
         _network(configured(*cascade, "+initial.third=lr_tiny"))
     assert len({str(effective_config(network_configuration(one))) for one in (cfg, other, configured(*cascade))}) == 3
 
@@ -216,7 +216,7 @@ def test_a_frozen_network_of_a_cascade_keeps_its_values_and_is_part_of_the_run()
     assert effective_config(network_configuration(frozen)) != effective_config(network_configuration(plain))
     assert "frozen" not in network_configuration(plain)
     for missing in (configured(*cascade, "frozen=[third]"), configured(*MISSING, "frozen=[gather]")):
-        with pytest.raises(InputError, match="no network of a cascade"):
+        with pytest.raises(InputError, match="no part of the network"):
             _network(missing)
 
 

@@ -12,6 +12,7 @@ from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.weights import (
+    PARTS,
     copy_values,
     count_parameters,
     design_of,
@@ -148,11 +149,9 @@ def _part_of(network: "Network", name: str, option: str) -> "Network":
     Raises:
         InputError: there is none of this name.
     """
-    part: Network | None = dict(network.named_children()).get(name)  # type: ignore[assignment]
-    if part is None or not hasattr(part, "design"):
-        raise InputError(
-            option, f"names {name!r}, no network of a cascade", "choose fusion=cascade, and first or second"
-        )
+    part: Network | None = getattr(network, name, None) if name in PARTS else None
+    if part is None:
+        raise InputError(option, f"names {name!r}, no part of the network", "name parts of fusion=cascade, or weights")
     return part
 
 

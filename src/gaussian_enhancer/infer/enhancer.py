@@ -320,8 +320,8 @@ class SetEnhancer:
         if shares is None:
             return finer
         height, width = finer.shape[-2:]
-        details = F.interpolate(shares[:, 1:], scale_factor=BLOCK * cascade.scale, mode="bilinear")
-        details = self.finer_share + (1 - self.finer_share) * details
+        details = self.finer_share + (1 - self.finer_share) * shares[:, 1:]
+        details = F.interpolate(details, scale_factor=BLOCK * cascade.scale, mode="bilinear")
         return upsample_bicubic(enhanced, cascade.scale).lerp_(finer, details[..., :height, :width])
 
     def _limit_change(
