@@ -157,20 +157,11 @@ WEIGHTS = (
     "data.train=[runs/fit/conch-*,runs/fit/caliterra-*,runs/fit/axe-*,runs/fit/boruszyn-*,runs/fit/viking-*]",
     "+recipe=lr_converged fusion=ssif_lr label=lr_second optimizer.lr=8e-4 +card.name=lr_second initial={lr_begun}",
     "+recipe=lr_converged fusion=ssif_lr trainer.max_steps=12000 +card.name=lr_tiny initial={lr_second}",
-    "+recipe=lr_long fusion=ssif_lr size=base trainer.max_steps=7000 optimizer.lr=1.5e-3 label=base_begun "
-    "+card.name=base_begun",
-    "+recipe=lr_converged fusion=ssif_lr size=base trainer.max_steps=4000 label=lr_base +card.name=lr_base "
-    "initial={base_begun} +reference_config.warp.tolerance=0.1 +reference_config.warp.photo_consistency=0.4 "
-    "data.train=[runs/fit/conch-*,runs/fit/viking-*,runs/fit/tumdesk-*,runs/fit/panel17-*,runs/fit/axe-*,"
-    "runs/fit/caliterra-*,runs/fit/office-*,runs/fit/boruszyn-*,runs/fit/lewis-*]",
     "+recipe=sr_shipped size=tiny",
     "+recipe=sr_cascade fusion=cascade size=tiny label=sr_begun +card.name=sr_begun initial.first={lr_further} "
     "initial.second={sr_shipped}",
     "+recipe=sr_converged size=tiny label=sr_tiny +card.name=sr_tiny initial.first={lr_converged} "
     "initial.second={sr_begun}",
-    "+recipe=ssif_sr size=base",
-    "+recipe=sr_cascade fusion=cascade size=base fusion.first.widths=[16,24,32] fusion.first.blocks=[1,1,2] "
-    "trainer.max_steps=2000 label=sr_base +card.name=sr_base initial.first={lr_long} initial.second={sr}",
     "+recipe=lr_shipped fusion=ssif_lr label=lr_tiny +card.name=lr_tiny",
     "+recipe=lr_shipped fusion=sif label=row_sif",
     "+recipe=lr_shipped fusion=nafnet alignment=none label=row_nafnet",

@@ -304,8 +304,6 @@ class Ship(Options):
     weights: PathText
     name: Annotated[str, Field(pattern=r"^\w+$")]
     first: PathText | None
-    confidence: PathText | None
-    finer_share: Share | None
     card: dict[str, Any]
     references: NonNegativeInt | None
     candidates: Count | None

@@ -24,7 +24,7 @@ FAST = ("bfloat16", "bfloat16 weights")
 """Number types of networks that are compared with ours in bfloat16."""
 EQUAL_BUDGET = ("nafnet", "edvr", "paper", "sif", "lr_2500")
 """Rows of docs/results/quality_equal_budget.md."""
-SHIPPED = ("lr_tiny", "lr_base")
+SHIPPED = ("lr_tiny",)
 """Rows of docs/results/quality.md."""
 MAKE = "nox -s bench"
 NOTHING = f"Not measured yet: `{MAKE}`.\n"
@@ -205,7 +205,6 @@ TARGETS = (
     _peer_target("Restormer", 50.0),
     _peer_target("edvr, base", 50.0),
     Target("`lr_tiny`, 10^9 multiply-adds / MP", 20.0, "", lambda s: _operations(s, "lr_tiny"), lambda _: WIDTHS),
-    Target("`lr_base`, 10^9 multiply-adds / MP", 100.0, "", lambda s: _operations(s, "lr_base"), lambda _: WIDTHS),
     _better_target("nafnet"),
     _better_target("edvr"),
 )  # fmt: skip
@@ -362,8 +361,8 @@ def _cold_table(sources: Sources) -> str:
 
 
 EQUAL = """Mean gain in PSNR over the render, over held-out frames. `nafnet`, `edvr`, `paper`, `sif` and `lr_2500` were
-trained on the same runs for the same 2,500 steps ([equal budget](results/quality_equal_budget.md)); `lr_tiny` and
-`lr_base` were shipped when [quality](results/quality.md) was measured, and learned for longer and from more fits.
+trained on the same runs for the same 2,500 steps ([equal budget](results/quality_equal_budget.md)); `lr_tiny`
+learned for longer and from more fits ([quality](results/quality.md)).
 Time is that of the whole enhancement in bfloat16, so that methods that align pay for it.
 
 """

@@ -4,14 +4,10 @@ Writes `NAME.safetensors` and `NAME.json` to the package's folder of weights. Th
 (data, steps, seed, hash of the configuration, validation); its two texts summarise docs/results/test.md.
 ``first`` replaces a cascade's first network by weights that were trained on more data than the cascade; their
 confidence and their way to align references come with them.
-``confidence`` names weights whose confidence is used: its features describe how references support a change, and not
-the network that made it.
-``finer_share`` is the least share of the finer scales' change that super-resolution applies (`SetEnhancer`).
 ``references`` and ``candidates`` replace the numbers of references and candidates that the training used.
 """
 
 import json
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -38,11 +34,6 @@ def with_first(network: Network, first: Pretrained) -> tuple[Cascade, dict[str, 
     return Cascade(first.network, network.second, network.colour_clamping), first_card
 
 
-def _merged_credits(*cards: Mapping[str, Any]) -> list[str]:
-    """The credits of all cards, each once."""
-    return list(dict.fromkeys(credit for card in cards for credit in card.get("credits", ())))
-
-
 def run(cfg: DictConfig) -> None:
     """Write both files.
 
@@ -62,15 +53,8 @@ def run(cfg: DictConfig) -> None:
         network, first_card = with_first(network, first)
         # The confidence was trained on the change of that network, with references aligned as for it.
         reference_config, confidence = replace(first.reference_config, fine=True), first.confidence
-        card |= {"first": first_card, "design": design_of(network), "credits": _merged_credits(card, first.card)}
-    if cfg.confidence:
-        donor = load_weights(cfg.confidence)
-        if donor.confidence is None:
-            raise InputError("confidence", f"names {cfg.confidence}, which has none", "name weights with a confidence")
-        confidence, entry = donor.confidence, {"of": donor.card.get("name"), **donor.card.get("confidence", {})}
-        card |= {"confidence": entry, "credits": _merged_credits(card, donor.card)}
-    if cfg.finer_share is not None:
-        card["finer_share"] = cfg.finer_share
+        credited = dict.fromkeys(credit for one in (card, first.card) for credit in one.get("credits", ()))
+        card |= {"first": first_card, "design": design_of(network), "credits": list(credited)}
     card |= plain_values(cfg.card)
     counts = {name: cfg[name] for name in ("references", "candidates") if cfg[name] is not None}
     reference_config = replace(reference_config, **counts)

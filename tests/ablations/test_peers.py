@@ -310,7 +310,7 @@ def test_the_job_measures_and_makes_its_page_and_makes_it_again(tmp_path, job, m
         f"equal_budget={tmp_path}/none.jsonl",
     )
     few = ("networks=[lr_tiny,nafnet]", "dtypes=[float32]", "height=64", "width=64", "rounds=2", "cold_rounds=1")
-    sizes = ("pipeline.lr_tiny=[64x48]", "pipeline.lr_base=[]", "pipeline.sr_tiny=[]")
+    sizes = ("pipeline.lr_tiny=[64x48]", "pipeline.sr_tiny=[]")
     monkeypatch.setattr(peers, "cold_records", lambda *_: iter(()))
     job("peers", *outputs, *few, *sizes, "memory=false", "device=cpu", "tried=64x48")
     found = read_records(records)
@@ -359,7 +359,7 @@ def test_peaks_are_of_a_process_of_their_own_and_the_command_line_starts(tmp_pat
         from hydra import compose
 
         cfg = compose("peers", ["runtime.threads=1", "cold_rounds=1", "height=256", "width=256", "device=cpu"])
-        one, two = (network_peak(cfg, name, "float32") for name in ("lr_tiny", "lr_base"))
+        one, two = (network_peak(cfg, name, "float32") for name in ("lr_tiny", "edvr, base"))
         assert 2 < one < two < 1000
         large = enhancement_peak(cfg, "lr_tiny", "float32", tmp_path / "large", tmp_path / "small")
         assert 2 < large < 1000

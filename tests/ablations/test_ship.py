@@ -26,7 +26,7 @@ def test_a_cascade_is_shipped_with_the_first_network_that_is_named(tmp_path, mon
         card = {"run": name, "steps": 3, "credits": ["whole", name]}
         confidence = ChangeConfidence(8) if name == "lr" else None
         save_weights(tmp_path / f"{name}.safetensors", network, config, card, confidence)
-    first_words = [f"first={tmp_path}/lr.safetensors", "finer_share=0.75", *TEXTS]
+    first_words = [f"first={tmp_path}/lr.safetensors", "+card.data=new", *TEXTS]
     job("ship", f"weights={tmp_path}/both.safetensors", *first_words)
     found = load_weights(shipped / "new.safetensors")
     assert isinstance(found.network, Cascade)
@@ -38,7 +38,7 @@ def test_a_cascade_is_shipped_with_the_first_network_that_is_named(tmp_path, mon
     assert found.confidence.hidden == 8
     assert (found.reference_config.references, found.reference_config.fine) == (2, True)
     assert found.card["run"] == "both"
-    assert found.finer_share == 0.75
+    assert found.card["data"] == "new"
     assert json.loads((shipped / "new.json").read_text())["design"]["first"]["widths"] == [16, 8, 8]
     before = (shipped / "new.json").read_text()
     with pytest.raises(SystemExit):
@@ -59,33 +59,3 @@ def test_other_numbers_of_references_and_candidates_are_shipped_with_the_weights
     assert (config.references, config.candidates) == (2, 3)
     card = json.loads((shipped / "new.json").read_text())["reference_config"]
     assert (card["references"], card["candidates"]) == (2, 3)
-
-
-def test_weights_are_shipped_with_the_confidence_of_others_and_credit_its_captures(tmp_path, monkeypatch, job, capsys):
-    shipped = tmp_path / "shipped"
-    shipped.mkdir()
-    monkeypatch.setattr(ship, "SHIPPED_FOLDER", shipped)
-    torch.manual_seed(0)
-    confidence = ChangeConfidence(8)
-    for name, kept in (("plain", None), ("donor", confidence)):
-        card = {"name": name, "data": "old", "credits": ["both", name], "confidence": {"views": 7}}
-        save_weights(tmp_path / f"{name}.safetensors", SSIFLR(**SMALL), ReferenceConfig(), card, kept)
-    ship_plain = ["ship", f"weights={tmp_path}/plain.safetensors", *TEXTS]
-    job(*ship_plain, f"confidence={tmp_path}/donor.safetensors", "+card.data=new")
-    found = load_weights(shipped / "new.safetensors")
-    assert found.confidence is not None
-    for name, value in confidence.state_dict().items():
-        torch.testing.assert_close(found.confidence.state_dict()[name], value.half().float())
-    assert found.card["confidence"] == {"of": "donor", "views": 7}
-    assert found.card["credits"] == ["both", "plain", "donor"]
-    assert found.card["data"] == "new"
-    cascade = Cascade(SSIFLR(**SMALL), SSIFSR(**SMALL))
-    save_weights(tmp_path / "both.safetensors", cascade, ReferenceConfig(fine=True), {"credits": ["cascade"]})
-    parts = [f"first={tmp_path}/plain.safetensors", f"confidence={tmp_path}/donor.safetensors"]
-    job("ship", f"weights={tmp_path}/both.safetensors", *parts, *TEXTS)
-    assert load_weights(shipped / "new.safetensors").card["credits"] == ["cascade", "both", "plain", "donor"]
-    before = (shipped / "new.json").read_text()
-    with pytest.raises(SystemExit):
-        job(*ship_plain, f"confidence={tmp_path}/plain.safetensors")
-    assert "which has none; name weights with a confidence" in capsys.readouterr().err
-    assert (shipped / "new.json").read_text() == before

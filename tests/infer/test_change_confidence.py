@@ -175,15 +175,14 @@ def test_the_enhancer_applies_the_share(share: float):
     torch.testing.assert_close(some, seen.render + share * (whole - seen.render), rtol=0, atol=2e-6)
 
 
-def test_super_resolution_limits_the_change_before_and_within_the_finer_scales():
-    """The second network sees the limited image of the first, and changes it by the share of the details."""
+def test_super_resolution_limits_the_change_before_the_finer_scales():
+    """The second network sees the limited image of the first, and its own change is applied in full."""
     seen = replace(views(32, 48), fine_references=torch.rand(1, 3, 3, 128, 192))
     cascade = Cascade(moved(SSIFLR(**SMALL)), moved(SSIFSR(**SMALL)))
     options = {"precision": "float32", "colour_completion": False}
 
-    def enhanced(*shares: float, finer_share: float = 0.0) -> torch.Tensor:
-        limits = {"confidence": judging(*shares) if shares else None, "finer_share": finer_share}
-        return SetEnhancer(cascade, ReferenceConfig(Reprojected()), **limits, **options).enhance(seen)
+    def enhanced(confidence: ChangeConfidence | None) -> torch.Tensor:
+        return SetEnhancer(cascade, ReferenceConfig(Reprojected()), confidence=confidence, **options).enhance(seen)
 
     with torch.inference_mode():
         first = clamp_to_references(cascade.first(replace(seen, fine_references=None)), seen, 3)
@@ -191,27 +190,10 @@ def test_super_resolution_limits_the_change_before_and_within_the_finer_scales()
         for shares in ((1.0, 1.0), (0.5, 0.25), (1.0, 0.0)):
             image = (seen.render + shares[0] * means + shares[1] * details).clamp(0, 1)
             finer = cascade.second(replace(seen, render=image))
-            expected = torch.lerp(upsample_bicubic(image, 4), finer, shares[1]).clamp(0, 1)
-            torch.testing.assert_close(enhanced(*shares), expected, rtol=0, atol=1e-5)
+            torch.testing.assert_close(enhanced(judging(*shares)), finer.clamp(0, 1), rtol=0, atol=1e-5)
             assert float((finer - upsample_bicubic(image, 4)).abs().max()) > 0.01
-            at_least_half = torch.lerp(upsample_bicubic(image, 4), finer, 0.5 + 0.5 * shares[1]).clamp(0, 1)
-            torch.testing.assert_close(enhanced(*shares, finer_share=0.5), at_least_half, rtol=0, atol=1e-5)
         without_confidence = cascade.second(replace(seen, render=first)).clamp(0, 1)
-    torch.testing.assert_close(enhanced(), without_confidence, rtol=0, atol=1e-5)
-
-
-def test_the_share_of_the_finer_scales_comes_from_the_card(tmp_path):
-    network = Cascade(SSIFLR(**SMALL), SSIFSR(**SMALL))
-    config = ReferenceConfig(fine=True)
-    for name, card, expected in (("stated", {"finer_share": 0.75}, 0.75), ("silent", {}, 0.0)):
-        save_weights(tmp_path / f"{name}.safetensors", network, config, card, judging(0.5))
-        pretrained = load_weights(tmp_path / f"{name}.safetensors")
-        assert EnhancementOptions().enhancer(pretrained, config).finer_share == expected
-    save_weights(tmp_path / "wrong.safetensors", network, config, {"name": "wrong", "finer_share": "most"})
-    with pytest.raises(InputError, match="weights wrong: state finer_share 'most'"):
-        EnhancementOptions().enhancer(load_weights(tmp_path / "wrong.safetensors"), config)
-    with pytest.raises(InputError, match="finer_share"):
-        SetEnhancer(network, config, finer_share=1.5)
+    torch.testing.assert_close(enhanced(None), without_confidence, rtol=0, atol=1e-5)
 
 
 def test_weights_keep_their_confidence(tmp_path):

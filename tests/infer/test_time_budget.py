@@ -18,7 +18,7 @@ from support import paths
 CONF = paths.CONF
 FAST = Preset("lr_tiny/0 references", "lr_tiny", ("max_references=0",), 1000.0, 28.0, "a machine", "abc")
 GOOD = Preset("lr_tiny/2 references", "lr_tiny", ("max_references=2",), 4000.0, 29.0, "a machine", "abc")
-BEST = Preset("lr_base/3 references", "lr_base", (), 16000.0, 30.0, "a machine", "abc")
+BEST = Preset("lr_tiny/3 references", "lr_tiny", (), 16000.0, 30.0, "a machine", "abc")
 OFFERS = (FAST, GOOD, BEST)
 
 
@@ -90,7 +90,7 @@ def test_what_cannot_be_kept_is_refused_with_the_fastest(offered, plane_run) -> 
         enhanced(offered, plane_run, "budget_ms=0.001")
 
 
-@pytest.mark.parametrize("given_", ["weights=lr_base", "max_references=1", "precision=float32", "tile=512"])
+@pytest.mark.parametrize("given_", ["weights=sr_tiny", "max_references=1", "precision=float32", "tile=512"])
 def test_what_the_budget_decides_cannot_be_given_beside_it(offered, plane_run, given_) -> None:
     with pytest.raises(InputError, match=f"{given_.split('=')[0]}: is .* together with budget_ms"):
         enhanced(offered, plane_run, "budget_ms=33", given_)

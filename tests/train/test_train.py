@@ -146,7 +146,7 @@ def test_weights_to_begin_with_are_named_by_what_they_hold(tmp_path):
     copied = tmp_path / "copied.safetensors"
     copied.write_bytes(find_checkpoint("lr_tiny").read_bytes())
     shipped, copy, other = (
-        network_configuration(configured(*MISSING, f"initial={one}")) for one in ("lr_tiny", copied, "lr_base")
+        network_configuration(configured(*MISSING, f"initial={one}")) for one in ("lr_tiny", copied, "sr_tiny")
     )
     assert effective_config(shipped) == effective_config(copy)
     assert len({str(effective_config(cfg)) for cfg in (plainly, shipped, other)}) == 3
@@ -186,14 +186,16 @@ def test_a_network_that_pools_references_begins_with_weights_that_do_not(tmp_pat
         _network(configured(*base, f"+fusion.fusion={trust.replace('pooled: true', 'pooled: true, heads: 8')}"))
 
 
-def test_parts_begin_with_weights_of_their_own():
+def test_parts_begin_with_weights_of_their_own(tmp_path):
     cascade = ["fusion=cascade", *MISSING]
     cfg = configured(*cascade, "+initial.first=lr_tiny")
     begun, network = load_weights("lr_tiny").network.state_dict(), _network(cfg)
     for name, value in network.first.state_dict().items():
         assert torch.equal(value, begun[name])
     assert not any(value.any() for name, value in network.second.state_dict().items() if name.startswith("tail.head"))
-    other = configured(*cascade, "+initial.first=lr_base")
+    wider = tmp_path / "wider.safetensors"
+    save_weights(wider, SSIFLR((16, 24, 40), (1, 1, 2), fusion=Trust()), ReferenceConfig(), {})
+    other = configured(*cascade, f"+initial.first={wider}")
     with pytest.raises(InputError, match="widths"):
         _network(other)
     with pytest.raises(InputError, match="no part of the network"):

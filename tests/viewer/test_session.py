@@ -138,7 +138,7 @@ def test_what_is_offered(configured):
     assert session.choices.plans[CONFIGURED_PLAN].margin == 8
     assert session.initial_choice.strength == session.strength(session.initial_choice) == 0.25
     assert session.initial_choice.max_references == 2
-    assert set(session.choices.weights) >= {"lr_tiny", "lr_base", session.initial_choice.weights}
+    assert set(session.choices.weights) >= {"lr_tiny", "sr_tiny", session.initial_choice.weights}
     assert list(open_session(configured("plan=full"), CPU).choices.plans) == ["full", "auto"]
 
 

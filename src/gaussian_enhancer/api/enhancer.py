@@ -85,7 +85,7 @@ class Enhancer:
         """Create an enhancer with weights of the package or from a file.
 
         Args:
-            weights: a name ("lr_tiny", "lr_base", "sr_tiny", "sr_base") or the path of a ``.safetensors`` file.
+            weights: a name ("lr_tiny", "sr_tiny") or the path of a ``.safetensors`` file.
             device: device of the network; None selects CUDA if it is available.
             background: background colour in [0, 1].
             **options: fields of `EnhancementOptions`, for instance ``strength=0.5`` or ``depth_kind="surface"``.

@@ -9,7 +9,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import torch
-import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
@@ -18,7 +17,7 @@ from gaussian_enhancer.align.depth_normalisation import depth_unit
 from gaussian_enhancer.align.exposure import apply_colour
 from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool, build_network_input, read_target
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.change_confidence import BLOCK, ChangeConfidence, apply_shares
+from gaussian_enhancer.infer.change_confidence import ChangeConfidence, apply_shares
 from gaussian_enhancer.infer.colour_completion import complete_change
 from gaussian_enhancer.infer.finite_check import refuse_not_finite
 from gaussian_enhancer.infer.plan import ViewPlan
@@ -85,19 +84,16 @@ class SetEnhancer:
         colour_clamping: side in pixels of a window; each enhanced pixel that a reference sees is clamped to the colours
             of the render and of the warped references in the window around it (`clamp_to_references`). 0 turns clamping
             off. This and the next two options have no effect if references are not warped. In super-resolution they
-            limit the change at the render's resolution, before the finer scales.
+            limit the change at the render's resolution and not that of the finer scales.
         colour_completion: where no reference is visible, replace the smooth part of the network's change by the one
             that visible pixels predict (`complete_change`).
-        confidence: predicts the shares of the change to apply; None applies all of it. In super-resolution, the share
-            of the details also limits what the finer scales change.
-        finer_share: least share of the finer scales' change that super-resolution applies, in [0, 1]; with 1, the
-            confidence does not limit them.
+        confidence: predicts the shares of the change to apply; None applies all of it.
         pass_through: return the render itself if no reference is visible in a view. A network that was trained with
             references can only guess without any. It has no effect on super-resolution.
         keeps_coverage: also return the coverage of each view by references (`EnhancedView`).
 
     Raises:
-        InputError: precision, strength, temporal_smoothing, finer_share or colour_clamping is out of range.
+        InputError: precision, strength, temporal_smoothing or colour_clamping is out of range.
     """
 
     def __init__(
@@ -115,17 +111,13 @@ class SetEnhancer:
         colour_completion: bool = True,
         confidence: ChangeConfidence | None = None,
         keeps_coverage: bool = False,
-        finer_share: float = 0.0,
     ) -> None:
-        shares = ("strength", strength), ("temporal_smoothing", temporal_smoothing), ("finer_share", finer_share)
-        for name, share in shares:
+        for name, share in (("strength", strength), ("temporal_smoothing", temporal_smoothing)):
             check_value(share, float, name)
         for name, side in (("colour_clamping", colour_clamping), ("tile", tile), ("halo", halo)):
             check_value(side, int, name)
         if not 0 <= strength <= 1:
             raise InputError("strength", f"is {strength}", "use a number from 0 (the render) to 1")
-        if not 0 <= finer_share <= 1:
-            raise InputError("finer_share", f"is {finer_share}", "use a number from 0 (as the confidence says) to 1")
         if not 0 <= temporal_smoothing < 1:
             raise InputError(
                 "temporal_smoothing", f"is {temporal_smoothing}", "use a number from 0 (each view by itself) to below 1"
@@ -146,7 +138,6 @@ class SetEnhancer:
         self.colour_clamping, self.pass_through = colour_clamping, pass_through
         self.colour_completion, self.keeps_coverage = colour_completion, keeps_coverage
         self.confidence = None if confidence is None else confidence.eval().to(self.device)
-        self.finer_share = finer_share
 
     def __call__(
         self,
@@ -291,7 +282,7 @@ class SetEnhancer:
         else:
             enhanced = self._run(self.network, views)
             if is_warped and self.network.scale == 1:
-                enhanced, _ = self._limit_change(enhanced, views)
+                enhanced = self._limit_change(enhanced, views)
         if self.strength < 1:
             upsampled_render = upsample_bicubic(views.render, self.network.scale)
             enhanced = upsampled_render + self.strength * (enhanced - upsampled_render)
@@ -309,33 +300,20 @@ class SetEnhancer:
             return enhance_tiled(network, views, tile, self.halo, scale=network.scale).float()
 
     def _super_resolve(self, cascade: Cascade, views: NetworkInput) -> Float[Tensor, "b 3 H W"]:
-        """Enhance at the render's resolution, limit that change, and enhance the result to 4 times the resolution.
-
-        The confidence was trained at the render's resolution. Its share of the details also limits what the finer
-        scales change, of which at least `finer_share` is applied.
-        """
+        """Enhance at the render's resolution, limit that change, and enhance the result to 4 times the resolution."""
         enhanced = self._run(cascade.first, dataclasses.replace(views, fine_references=None))
-        enhanced, shares = self._limit_change(enhanced, views)
-        finer = self._run(cascade.second, dataclasses.replace(views, render=enhanced))
-        if shares is None:
-            return finer
-        height, width = finer.shape[-2:]
-        details = self.finer_share + (1 - self.finer_share) * shares[:, 1:]
-        details = F.interpolate(details, scale_factor=BLOCK * cascade.scale, mode="bilinear")
-        return upsample_bicubic(enhanced, cascade.scale).lerp_(finer, details[..., :height, :width])
+        limited = self._limit_change(enhanced, views)
+        return self._run(cascade.second, dataclasses.replace(views, render=limited))
 
-    def _limit_change(
-        self, enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput
-    ) -> tuple[Float[Tensor, "b 3 h w"], Float[Tensor, "b k i j"] | None]:
-        """Limit the change to a render; also returns the confidence's shares, or None without a confidence."""
+    def _limit_change(self, enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Float[Tensor, "b 3 h w"]:
+        """Limit the change to a render."""
         if self.colour_clamping:
             enhanced = clamp_to_references(enhanced, views, self.colour_clamping)
         if self.colour_completion:
             enhanced = complete_change(enhanced, views)
         if self.confidence is None:
-            return enhanced, None
-        shares = self.confidence.shares(enhanced, views)
-        return apply_shares(enhanced, views.render, shares), shares
+            return enhanced
+        return apply_shares(enhanced, views.render, self.confidence.shares(enhanced, views))
 
 
 def _same_pose(camera: Camera | None, other: Camera | None) -> bool:

@@ -110,7 +110,6 @@ class EnhancementOptions:
             colour_clamping=int(self.colour_clamping),
             colour_completion=self.colour_completion,
             confidence=confidence,
-            finer_share=pretrained.finer_share,
             pass_through=pretrained.reference_config.references > 0 and self.max_references != 0,
         )
         check_tiles(enhancer.tile, enhancer.halo)

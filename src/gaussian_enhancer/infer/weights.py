@@ -84,22 +84,10 @@ class Pretrained:
         Raises:
             InputError: the card states something that is no number.
         """
-        return self._stated_number("strength", 1.0, "give strength= as a number")
-
-    @property
-    def finer_share(self) -> float:
-        """For a cascade with `confidence`: the least share of the finer scales' change to apply; 0 by default.
-
-        Raises:
-            InputError: the card states something that is no number.
-        """
-        return self._stated_number("finer_share", 0.0, "ship them with another finer_share")
-
-    def _stated_number(self, entry: str, default: float, remedy: str) -> float:
-        """A number that the card states."""
-        value = self.card.get(entry, default)
+        value = self.card.get("strength", 1.0)
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise InputError(f"weights {self.card.get('name', 'without a name')}", f"state {entry} {value!r}", remedy)
+            name = f"weights {self.card.get('name', 'without a name')}"
+            raise InputError(name, f"state strength {value!r}", "give strength= as a number")
         return float(value)
 
 

@@ -249,9 +249,9 @@ def test_the_desk_curves_are_readable_and_name_what_the_issue_asks_for() -> None
         cfg = compose("tradeoff")
         studies = {study.name: study for study in read_studies(cfg)}
         lr = {one.name: one for one in studies["lr"].settings}
-        assert {f"lr_base/{n} reference{'s' * (n != 1)}" for n in range(5)} <= set(lr)
+        assert {f"lr_tiny/{n} reference{'s' * (n != 1)}" for n in range(5)} <= set(lr)
         curves = {name.split("/")[0] for name in lr}
-        assert {"raw", "GE", "GE++", "paper mode", "NAFNet", "EDVR", "SIF, ours", "lr_base compiled"} <= curves
+        assert {"raw", "GE", "GE++", "paper mode", "NAFNet", "EDVR", "SIF, ours", "lr_tiny compiled"} <= curves
         assert not {
             cell.scene for study in studies.values() for cell in study.cells if "seed=3000" in str(cell.fit)
         } & {cell.scene for study in studies.values() for cell in study.cells if "validation" in cell.scene}
