@@ -10,7 +10,7 @@ from typing import Protocol, get_args, runtime_checkable
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Float16, UInt8
 from torch import Tensor
 
 from gaussian_enhancer.align.depth_search import SEARCHES, DepthKind, Source, refine_depth
@@ -88,7 +88,8 @@ class AlignedReferences:
         visibility: how surely each reference shows the target's surface, in [0, 1].
         names: names of the references.
         renders: the splat's renders of the references' views on the target's grid; None unless all are known.
-        fine: the references on a grid 4 times as fine; None unless all have fine photos.
+        fine: the references on a grid 4 times as fine, in half precision to save memory where they are warped; None
+            unless all have fine photos.
     """
 
     references: Float[Tensor, "r 3 h w"]
@@ -217,7 +218,8 @@ class Reprojected:
         order = rank_references(weights, keep)
         readers, fine = _fine_photo_readers([references[i] for i in order]), None
         if readers:
-            fine = target.image.new_empty(len(order), 3, *(4 * side for side in target.image.shape[-2:]))
+            sides = (4 * side for side in target.image.shape[-2:])
+            fine = target.image.new_empty(len(order), 3, *sides, dtype=torch.float16)
             for i, read_photo, result in zip(order, readers, fine, strict=True):
                 photo = read_photo().to(target.image.device)
                 _warp_fine_photo(camera, depth, cameras[i], photo, exposures[i], warped[i], result)
@@ -237,7 +239,7 @@ def _warp_fine_photo(
     photo: UInt8[Tensor, "3 _ _"],
     exposure: Float[Tensor, "3 2"] | None,
     warped: Warped,
-    result: Float[Tensor, "3 H W"],
+    result: Float16[Tensor, "3 H W"],
 ) -> None:
     """Warp a reference's fine photo to a grid 4 times as fine as the target's, with the visibility of the coarse warp.
 
@@ -254,7 +256,7 @@ def _warp_fine_photo(
     transform = torch.tensor([[1 / 255, 0.0]]).expand(3, 2)
     if exposure is not None:  # applied after sampling, which avoids a copy of the photo
         transform = exposure * exposure.new_tensor([1 / 255, 1.0])
-    transform = transform.to(result)
+    transform = transform.to(depth)
     fine_camera = camera.resized(height, width)
     filled = fill_depth(depth)
     footprint = footprint_between(camera, filled, reference_camera.resized(*photo.shape[-2:])) / 4
@@ -267,17 +269,13 @@ def _warp_fine_photo(
         strip_samples = reproject(
             strip, 1 / inverse_depth[:, rows], reference_camera, photo, alpha=visibility, footprint=footprint
         )
-        _write_fine_rows(strip_samples, transform, warped.colour, top, result)
+        result[:, rows] = _fine_rows(strip_samples, transform, warped.colour, top)
 
 
-def _write_fine_rows(
-    samples: Warped,
-    transform: Float[Tensor, "3 2"],
-    coarse: Float[Tensor, "3 h w"],
-    top: int,
-    result: Float[Tensor, "3 H W"],
-) -> None:
-    """Write rows of a fine reference, with colours of the coarse reference where only that one is visible.
+def _fine_rows(
+    samples: Warped, transform: Float[Tensor, "3 2"], coarse: Float[Tensor, "3 h w"], top: int
+) -> Float[Tensor, "3 s W"]:
+    """Rows of a fine reference, with colours of the coarse reference where only that one is visible.
 
     At the photo's border, a pixel may be visible on the coarse grid but not on the fine one.
 
@@ -286,19 +284,18 @@ def _write_fine_rows(
         transform: gain and offset from 8-bit colours to [0, 1] in the render's exposure.
         coarse: the reference on the target's grid.
         top: index of the first row.
-        result: output, written in place.
     """
-    if can_use_kernels(samples.colour, samples.visibility, coarse, result):
+    if can_use_kernels(samples.colour, samples.visibility, coarse):
         from gaussian_enhancer.align.reproject_kernels import finish_fine
         from gaussian_enhancer.splat.compiled import kernel_lock
 
-        inputs = samples.colour, samples.visibility[0], transform, coarse
+        inputs, result = (samples.colour, samples.visibility[0], transform, coarse), torch.empty_like(samples.colour)
         with kernel_lock:
             finish_fine(*map(kernel_image, inputs), top, result.numpy())
-        return
+        return result
     bottom = top + samples.colour.shape[-2]
     coarse_colour = F.interpolate(coarse[None, :, top // 4 : -(-bottom // 4)], scale_factor=4)[0]
-    result[:, top:bottom] = torch.where(samples.visibility > 0, apply_colour(samples.colour, transform), coarse_colour)
+    return torch.where(samples.visibility > 0, apply_colour(samples.colour, transform), coarse_colour)
 
 
 def _camera_of(view: LoadedView) -> Camera:

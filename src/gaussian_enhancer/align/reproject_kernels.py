@@ -209,7 +209,7 @@ def _add(total, values):
 @kernel
 @no_type_check
 def finish_fine(colour, visibility, transform, coarse, top, result):
-    """Write rows of a fine image: gain x colour + offset within [0, 1] where visible, else the coarse image's colour.
+    """Rows of a fine image: gain x colour + offset within [0, 1] where visible, else the coarse image's colour.
 
     Args:
         colour: colours of the rows, (3, s, 4 w).
@@ -217,13 +217,13 @@ def finish_fine(colour, visibility, transform, coarse, top, result):
         transform: gain and offset of each channel.
         coarse: colours of the coarse image, (3, h, w).
         top: index of the first row in the fine image, a multiple of 4.
-        result: output, written from row ``top`` on, (3, 4 h, 4 w).
+        result: output, (3, s, 4 w).
     """
     channels, height, _ = colour.shape
     for y in prange(height):
         for c in range(channels):
             gain, offset = transform[c, 0], transform[c, 1]
-            _finish_row(colour[c, y], visibility[y], gain, offset, coarse[c, (top + y) // 4], result[c, top + y])
+            _finish_row(colour[c, y], visibility[y], gain, offset, coarse[c, (top + y) // 4], result[c, y])
 
 
 @inner

@@ -4,7 +4,8 @@ Axes: b batch, r references, c channels, h height, w width, H = 4 h, W = 4 w; i 
 q a quarter.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 
 import torch
 import torch.nn.functional as F
@@ -27,7 +28,8 @@ from gaussian_enhancer.types import NetworkInput, Region
 
 UPSCALE = (2, 4)
 TILE = 384
-"""Side in render pixels of the tiles in which the finer scales of large images are computed without gradients."""
+"""Largest side in render pixels of the tiles, apart from their halo, in which the finer scales of large images are
+computed without gradients."""
 MARGIN = 14
 """Margin of a tile in render pixels that the finer scales require, apart from that of their residual blocks."""
 
@@ -85,7 +87,7 @@ class SSIFSR(CachesReferences):
         """Features of the references at 1x and 2x; `forward` can reuse them if references are not warped."""
         views = pad_to_stride(views, self.stride)
         photos, visibility = fine_references(views)
-        return self.gather.encode(views), self.middle.encode(halve(photos), visibility)
+        return self.gather.encode(views), self.middle.encode(halve(photos.to(views.render)), visibility)
 
     def stages(
         self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
@@ -117,10 +119,11 @@ class SSIFSR(CachesReferences):
         Args:
             image: S1.
             features: features of T1, upsampled.
-            photos: the references at 4x.
+            photos: the references at 4x, possibly in half precision.
             visibility: visibility of the references.
             encoded: features of the references at 2x; None computes them.
         """
+        photos = photos.to(image)
         half = halve(photos)
         encoded = self.middle.encode(half, visibility) if encoded is None else encoded
         features, decoded, trust = self.middle(features, encoded, visibility)
@@ -135,18 +138,32 @@ class SSIFSR(CachesReferences):
     def _finer_tiled(
         self, full_images: tuple[Tensor, ...]
     ) -> tuple[Float[Tensor, "b 3 _ _"], Float[Tensor, "b 3 H W"]]:
-        """Compute `_finer_scales` by tiles, to limit memory; equal to the result for the whole up to rounding."""
+        """Compute `_finer_scales` by tiles, to limit memory; equal to the result for the whole up to rounding.
+
+        All tiles have the same size, so that freed memory is used again.
+        """
         batch, _, height, width = full_images[0].shape
         halo = MARGIN + 3 * len(self.tail.blocks)
         second, fourth = (full_images[0].new_empty(batch, 3, n * height, n * width) for n in UPSCALE)
-        for top in range(0, height, TILE):
-            for left in range(0, width, TILE):
-                inner = Region(top, left, min(top + TILE, height), min(left + TILE, width))
-                outer = inner.expand(halo, height, width)
+        for rows, rows_with_halo in _spans(height, halo):
+            for columns, columns_with_halo in _spans(width, halo):
+                inner = Region(rows.start, columns.start, rows.stop, columns.stop)
+                outer = Region(
+                    rows_with_halo.start, columns_with_halo.start, rows_with_halo.stop, columns_with_halo.stop
+                )
                 tiles = self._finer_scales(*(outer.crop(image, image.shape[-1] // width) for image in full_images))
                 for n, result, tile in zip(UPSCALE, (second, fourth), tiles, strict=True):
                     inner.crop(result, n).copy_(inner.relative_to(outer).crop(tile, n))
         return second, fourth
+
+
+def _spans(length: int, halo: int) -> Iterator[tuple[range, range]]:
+    """Equal parts of a side, each with the range of its tile: the part and at least its halo, all of one size."""
+    part = math.ceil(length / math.ceil(length / TILE))
+    size = min(length, part + 2 * halo)
+    for start in range(0, length, part):
+        first = min(max(0, start - halo), length - size)
+        yield range(start, min(start + part, length)), range(first, first + size)
 
 
 class Middle(nn.Module):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Integer
 from PIL import Image
 from torch import Tensor
 from torch.nn import functional
@@ -89,8 +89,7 @@ def decode(path: Path) -> Float[Tensor, "c h w"]:
     """
     with open_image(path) as image, convert_decoder_errors(path, REPLACE):
         is_16_bit_png = image.format == "PNG" and _is_16_bit(path)
-        pixels = _read_16_bit_png(path) if is_16_bit_png else _convert_to_float(path, image)
-    return torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1)))
+        return _read_16_bit_png(path) if is_16_bit_png else _convert_to_float(path, image)
 
 
 def composite(image: Float[Tensor, "c h w"], background: tuple[float, float, float]) -> Float[Tensor, "3 h w"]:
@@ -186,23 +185,32 @@ def _is_16_bit(path: Path) -> bool:
     return header[24] == 16 and header[25] != 0
 
 
-def _read_16_bit_png(path: Path) -> np.ndarray:
+def _read_16_bit_png(path: Path) -> Float[Tensor, "c h w"]:
     from torchvision.io import ImageReadMode, decode_image
 
     data = torch.frombuffer(bytearray(path.read_bytes()), dtype=torch.uint8)
     values = decode_image(data, ImageReadMode.UNCHANGED).to(torch.int32).permute(1, 2, 0).numpy()
     if values.shape[2] == 2:
         values = values[:, :, (0, 0, 0, 1)]
-    return values.astype(np.float32) / np.float32(65535)
+    return normalise(values, 65535)
 
 
-def _convert_to_float(path: Path, image: Image.Image) -> np.ndarray:
+def _convert_to_float(path: Path, image: Image.Image) -> Float[Tensor, "c h w"]:
     if image.mode.startswith("I"):
         values = np.asarray(image).astype(np.int64)
         if values.min() < 0 or values.max() > 65535:
             received = f"has values {values.min()} to {values.max()}"
             raise InputError(path, received, "save it with 8 or 16 bits a channel")
-        return np.repeat((values / 65535).astype(np.float32)[:, :, None], 3, axis=2)
+        return torch.from_numpy((values / 65535).astype(np.float32)).repeat(3, 1, 1)
     if image.mode == "F":
         raise InputError(path, "has floating-point pixels, whose white is unknown", "save it as 8- or 16-bit PNG")
-    return np.asarray(image.convert("RGBA" if _has_alpha(image) else "RGB")).astype(np.float32) / np.float32(255)
+    mode = "RGBA" if _has_alpha(image) else "RGB"
+    return normalise(np.asarray(image if image.mode == mode else image.convert(mode)), 255)
+
+
+def normalise(pixels: Integer[np.ndarray, "h w c"], white: int) -> Float[Tensor, "c h w"]:
+    """Divide integer pixels by the value of white, channel by channel, without an intermediate image of floats."""
+    result = np.empty((pixels.shape[2], *pixels.shape[:2]), dtype=np.float32)
+    for channel, plane in enumerate(result):
+        np.divide(pixels[:, :, channel], np.float32(white), out=plane, dtype=np.float32)
+    return torch.from_numpy(result)

@@ -231,7 +231,7 @@ def _planes(target: LoadedView, photo: Float[Tensor, "3 h w"], aligned: AlignedR
 def _fine_planes(photo: Float[Tensor, "3 H W"], aligned: AlignedReferences) -> Tensor:
     if aligned.fine is None:
         return _bytes(photo)
-    return torch.cat([_bytes(photo), _bytes(aligned.fine.flatten(0, 1))])
+    return torch.cat([_bytes(photo), _bytes(aligned.fine.float().flatten(0, 1))])
 
 
 def _photo(

@@ -77,10 +77,10 @@ class PaperSSIFSR(CachesReferences):
     def encode(self, views: NetworkInput) -> tuple[Float[Tensor, "b r c _ _"], ...]:
         """Features of the references: F[G] at 1x, then F[HG] at 1x, 2x and 4x."""
         views = pad_to_stride(views, self.stride)
-        finest, _ = fine_references(views)
+        finest = fine_references(views)[0].to(views.render)
         half = halve(finest)
         fine = (
-            cast(ImageEncoder, encoder).encode_each(photos.to(views.render.dtype) - 0.5)
+            cast(ImageEncoder, encoder).encode_each(photos - 0.5)
             for encoder, photos in zip(self.encode_fine, (halve(half), half, finest), strict=True)
         )
         return self.encode_reference.encode_each(views.references - 0.5), *fine
