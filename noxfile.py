@@ -14,6 +14,10 @@ nox.options.sessions = ["lint", "tests"]
 
 PROJECT = nox.project.load_toml("pyproject.toml")
 
+# Containers often turn caches of bytecode off. Every process of a session would compile its imports again, which takes
+# longer than most tests.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 
 def install(session: nox.Session, *groups: str) -> None:
     """Install the project, editable, with dependency groups, at the versions of constraints.txt."""
