@@ -164,8 +164,10 @@ WEIGHTS = (
     "+recipe=sr_shipped size=tiny",
     "+recipe=sr_cascade fusion=cascade size=tiny label=sr_begun +card.name=sr_begun initial.first={lr_further} "
     "initial.second={sr_shipped}",
-    "+recipe=sr_converged size=tiny label=sr_tiny +card.name=sr_tiny initial.first={lr_converged} "
+    "+recipe=sr_converged size=tiny label=sr_second +card.name=sr_second initial.first={lr_converged} "
     "initial.second={sr_begun}",
+    "+recipe=sr_converged size=tiny seed=1 trainer.max_steps=4000 label=sr_tiny +card.name=sr_tiny "
+    "initial.first={lr_converged} initial.second={sr_second}",
     "+recipe=lr_shipped fusion=ssif_lr label=lr_tiny +card.name=lr_tiny",
     "+recipe=lr_shipped fusion=sif label=row_sif",
     "+recipe=lr_shipped fusion=nafnet alignment=none label=row_nafnet",
@@ -192,7 +194,8 @@ def weights(session: nox.Session) -> None:
 def quality(session: nox.Session) -> None:
     """Measure the shipped weights: docs/results/quality.md (needs the captures); resumes after a kill.
 
-    `-- heldout=test` measures the frozen test scenes; `-- comparison=equal_budget` compares networks trained alike.
+    `-- heldout=test` measures the frozen test scenes, `-- heldout=converged` converged fits of validation captures;
+    `-- comparison=equal_budget` compares networks trained alike.
     """
     install(session)
     session.run("gaussian-enhancer", "quality", *session.posargs)
