@@ -127,3 +127,4 @@ def test_compiled_finish_of_fine_references_equals_its_readable_twin(top):
     found = _fine_rows(Warped(colour, visibility), colours, coarse, top)
     expected = _fine_rows(Warped(colour.double(), visibility.double()), colours.double(), coarse.double(), top)
     torch.testing.assert_close(found.double(), expected, rtol=0, atol=1e-6)
+    assert found.shape == colour.shape

@@ -155,6 +155,7 @@ def test_a_fine_sample_is_what_the_enhancer_sees(fine_set, tmp_path):
     assert seen.fine_references is not None
     assert batch.views.fine_references is not None
     assert batch.views.fine_references.shape == (1, 3, 3, 192, 256)
+    assert seen.fine_references.dtype == torch.float16
     torch.testing.assert_close(batch.views.fine_references, seen.fine_references.float(), rtol=0, atol=0.5 / 255 + 1e-6)
     assert prepare_samples(fine_set, reference_config, tmp_path, "a") == samples
 

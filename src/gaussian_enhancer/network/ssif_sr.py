@@ -123,7 +123,7 @@ class SSIFSR(CachesReferences):
             visibility: visibility of the references.
             encoded: features of the references at 2x; None computes them.
         """
-        photos = photos.to(image)
+        photos = photos.to(image)  # of a tile, since the whole in single precision would take twice the memory
         half = halve(photos)
         encoded = self.middle.encode(half, visibility) if encoded is None else encoded
         features, decoded, trust = self.middle(features, encoded, visibility)
@@ -145,25 +145,25 @@ class SSIFSR(CachesReferences):
         batch, _, height, width = full_images[0].shape
         halo = MARGIN + 3 * len(self.tail.blocks)
         second, fourth = (full_images[0].new_empty(batch, 3, n * height, n * width) for n in UPSCALE)
-        for rows, rows_with_halo in _spans(height, halo):
-            for columns, columns_with_halo in _spans(width, halo):
-                inner = Region(rows.start, columns.start, rows.stop, columns.stop)
-                outer = Region(
-                    rows_with_halo.start, columns_with_halo.start, rows_with_halo.stop, columns_with_halo.stop
-                )
+        for (top, bottom), (first_row, end_row) in _spans(height, halo):
+            for (left, right), (first_column, end_column) in _spans(width, halo):
+                inner, outer = Region(top, left, bottom, right), Region(first_row, first_column, end_row, end_column)
                 tiles = self._finer_scales(*(outer.crop(image, image.shape[-1] // width) for image in full_images))
                 for n, result, tile in zip(UPSCALE, (second, fourth), tiles, strict=True):
                     inner.crop(result, n).copy_(inner.relative_to(outer).crop(tile, n))
         return second, fourth
 
 
-def _spans(length: int, halo: int) -> Iterator[tuple[range, range]]:
-    """Equal parts of a side, each with the range of its tile: the part and at least its halo, all of one size."""
+def _spans(length: int, halo: int) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
+    """First and last (exclusive) pixel of each part of a side, and of its tile, which has one size for all parts.
+
+    A tile is its part with a halo on both sides; at the image's border it reaches further inwards instead.
+    """
     part = math.ceil(length / math.ceil(length / TILE))
     size = min(length, part + 2 * halo)
     for start in range(0, length, part):
         first = min(max(0, start - halo), length - size)
-        yield range(start, min(start + part, length)), range(first, first + size)
+        yield (start, min(start + part, length)), (first, first + size)
 
 
 class Middle(nn.Module):
