@@ -194,7 +194,7 @@ def weights(session: nox.Session) -> None:
 def quality(session: nox.Session) -> None:
     """Measure the shipped weights: docs/results/quality.md (needs the captures); resumes after a kill.
 
-    `-- heldout=test` measures the frozen test scenes, `-- heldout=converged` converged fits of validation captures;
+    `-- heldout=test` measures the frozen test scenes, `-- heldout=converged` validation captures after 4,000 steps;
     `-- comparison=equal_budget` compares networks trained alike.
     """
     install(session)
