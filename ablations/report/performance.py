@@ -362,8 +362,8 @@ def _cold_table(sources: Sources) -> str:
 
 EQUAL = """Mean gain in PSNR over the render, over held-out frames. `nafnet`, `edvr`, `paper`, `sif` and `lr_2500` were
 trained on the same runs for the same 2,500 steps ([equal budget](results/quality_equal_budget.md)); `lr_tiny`
-means the weights of this name when [quality](results/quality.md) was measured, which learned for longer and from more fits.
-Time is that of the whole enhancement in bfloat16, so that methods that align pay for it.
+means the weights of this name when [quality](results/quality.md) was measured, which learned for longer and from more
+fits. Time is that of the whole enhancement in bfloat16, so that methods that align pay for it.
 
 """
 

@@ -321,7 +321,7 @@ def test_the_job_measures_and_makes_its_page_and_makes_it_again(tmp_path, job, m
     ]  # fmt: skip
     first = next(one for one in found if one.kind == NETWORK)
     assert first.metrics["giga_multiply_adds_per_megapixel"] == pytest.approx(34.35, abs=0.1)
-    assert sum(one.kind == TRIED for one in found) == 13
+    assert sum(one.kind == TRIED for one in found) == 14
     pipeline = next(one for one in found if one.kind == PIPELINE).metrics
     assert pipeline["part: read"] > 0
     assert pipeline["part: write"] > 0
