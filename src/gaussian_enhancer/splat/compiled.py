@@ -1,7 +1,8 @@
 """Compilation settings of the CPU kernels, their common thresholds, and the inner loops that several of them share.
 
 Kernels are Numba functions on C-contiguous NumPy arrays. ``cache=True`` writes the machine code beside the source,
-or into the user's cache folder where the package is installed read-only (``NUMBA_CACHE_DIR`` names another place).
+or into the user's cache folder where the package is installed read-only (``NUMBA_CACHE_DIR`` names another place). A
+process that finds a kernel in no cache says once that it compiles, since this takes seconds a kernel.
 ``fastmath`` leaves out ``nnan`` and ``ninf``, so that a comparison with NaN keeps its meaning.
 
 Numba sets the number of threads (``NUMBA_NUM_THREADS``, `numba.set_num_threads`). Its OpenMP threading layer does not
@@ -9,12 +10,14 @@ survive a fork: a process that has run a kernel must use the spawn method to sta
 """
 
 import inspect
+import sys
 import threading
 from collections.abc import Callable
 from typing import Any, no_type_check
 
 import numpy as np
 from numba import njit
+from numba.core import event
 
 ALPHA_MIN = 1.0 / 255.0
 """A Gaussian is skipped at pixels where its alpha is below this."""
@@ -34,6 +37,23 @@ _OPTIONS: dict[str, Any] = {
     "cache": True,
     "nogil": True,
 }
+
+
+class _CompilationNotice(event.Listener):
+    """Prints one line when a process compiles its first kernel; kernels from the cache cause no event."""
+
+    printed = False
+
+    def on_start(self, event: event.Event) -> None:
+        if not self.printed:
+            self.printed = True
+            print("compiling kernels for this processor, which takes minutes once after installation", file=sys.stderr)
+
+    def on_end(self, event: event.Event) -> None:
+        pass
+
+
+event.register("numba:compile", _CompilationNotice())
 
 kernel_lock = threading.RLock()
 """Held during every parallel kernel: Numba's fallback threading layer (workqueue) must not be entered concurrently."""

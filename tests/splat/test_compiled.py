@@ -1,0 +1,25 @@
+"""What a process says about the compilation of kernels."""
+
+import os
+import subprocess
+import sys
+
+PROGRAM = """
+import numpy as np
+from gaussian_enhancer.scene.image_kernels import quantise
+from gaussian_enhancer.splat.planes import scratch
+
+quantise(np.zeros((3, 4, 4), np.float32), np.zeros((4, 4, 3), np.uint8))
+"""
+
+
+def test_compilation_is_announced_once_and_kernels_from_the_cache_are_silent(tmp_path) -> None:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+
+    def printed() -> list[str]:
+        process = subprocess.run([sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True)
+        assert process.returncode == 0, process.stderr
+        return process.stderr.splitlines()
+
+    assert printed() == ["compiling kernels for this processor, which takes minutes once after installation"]
+    assert printed() == []
