@@ -24,6 +24,7 @@ from gaussian_enhancer.infer.plan import ViewPlan
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.reference_cache import ReferenceFeatures
 from gaussian_enhancer.infer.regions import cut_pixels
+from gaussian_enhancer.infer.super_resolution import upsample_where_unseen
 from gaussian_enhancer.infer.temporal_smoothing import PreviousChange, smooth_change
 from gaussian_enhancer.infer.tiles import enhance_tiled
 from gaussian_enhancer.network.cascade import Cascade
@@ -303,7 +304,8 @@ class SetEnhancer:
         """Enhance at the render's resolution, limit that change, and enhance the result to 4 times the resolution."""
         enhanced = self._run(cascade.first, dataclasses.replace(views, fine_references=None))
         limited = self._limit_change(enhanced, views)
-        return self._run(cascade.second, dataclasses.replace(views, render=limited))
+        finer = self._run(cascade.second, dataclasses.replace(views, render=limited))
+        return upsample_where_unseen(finer, limited, views.visibility)
 
     def _limit_change(self, enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Float[Tensor, "b 3 h w"]:
         """Limit the change to a render."""
