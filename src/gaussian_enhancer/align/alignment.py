@@ -23,6 +23,7 @@ from gaussian_enhancer.align.photo_consistency import (
 )
 from gaussian_enhancer.align.projection import Interpolation, can_use_kernels, kernel_image
 from gaussian_enhancer.align.reproject import Warped, fill_depth, footprint_between, reproject
+from gaussian_enhancer.align.transparent import dark_transparent, show_dark_surfaces
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.types import Camera, Region, single_precision
@@ -203,6 +204,7 @@ class Reprojected:
         rendered = target.depth
         if target.alpha is not None:  # alpha marks the holes, so they can be filled here once for all references
             depth, rendered = fill_depth(depth), fill_depth(rendered)
+        transparent = dark_transparent(target.image, target.alpha)
         warped, weights = [], []
         for i, (source_camera, reference, photo) in enumerate(zip(cameras, references, photos, strict=True)):
             warp_options = reference.depth, target.alpha, self.tolerance, rendered, reference.render, self.interpolation
@@ -213,6 +215,9 @@ class Reprojected:
             difference = photometric_difference(view, target.image)
             if self.photo_consistency is not None:
                 view = hide_inconsistent(view, difference, self.photo_consistency)
+            if transparent is not None:
+                pair = camera, source_camera
+                view = show_dark_surfaces(view, transparent, target.image, depth, pair, photo, reference.render)
             warped.append(view)
             weights.append(reference_weight(view, difference, self.softness))
         order = rank_references(weights, keep)
