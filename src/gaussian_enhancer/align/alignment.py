@@ -137,6 +137,7 @@ class Reprojected:
     If the splat's render of a reference's view is known, it is used to refine depth and to match colours: two renders
     of one splat do not differ in exposure or blur, and photo and render of one view share a pixel grid. Half precision
     cannot represent pixel coordinates, so half-precision views are warped in single precision, with autocast disabled.
+    Where the splat is transparent, a dark reference may show a dark surface (`show_dark_surfaces`).
 
     Args:
         depth: kind of the target's depth; it determines how far depth is refined photometrically before the warp
