@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from gaussian_enhancer.align.alignment import LoadedView, Reprojected
-from gaussian_enhancer.align.transparent import PLAIN_SHARE, dark_transparent
+from gaussian_enhancer.align.transparent import PLAIN_SHARE, dark_transparent_pixels
 from gaussian_enhancer.types import identity_camera
 
 HEIGHT, WIDTH = 40, 60
@@ -55,14 +55,14 @@ def test_a_reference_that_shows_something_else_or_has_no_render_does_not(photo: 
 
 def test_opaque_bright_and_plain_pixels_are_no_dark_surfaces() -> None:
     view = target()
-    mask = dark_transparent(view.image, view.alpha)
+    mask = dark_transparent_pixels(view.image, view.alpha)
     assert mask is not None
     assert torch.equal(mask, view.alpha < 0.5)
-    assert dark_transparent(view.image, None) is None
-    assert dark_transparent(view.image, torch.ones_like(view.alpha)) is None
-    over_white = dark_transparent(with_hole(textured(), 0.9), view.alpha)
+    assert dark_transparent_pixels(view.image, None) is None
+    assert dark_transparent_pixels(view.image, torch.ones_like(view.alpha)) is None
+    over_white = dark_transparent_pixels(with_hole(textured(), 0.9), view.alpha)
     assert over_white is not None
     assert not bool(over_white.any())
     plain = view.alpha.clone()
     plain[:, : round(1.1 * PLAIN_SHARE * HEIGHT)] = 0
-    assert dark_transparent(torch.zeros_like(view.image), plain) is None
+    assert dark_transparent_pixels(torch.zeros_like(view.image), plain) is None

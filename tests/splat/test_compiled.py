@@ -7,7 +7,6 @@ import sys
 PROGRAM = """
 import numpy as np
 from gaussian_enhancer.scene.image_kernels import quantise
-from gaussian_enhancer.splat.planes import scratch
 
 quantise(np.zeros((3, 4, 4), np.float32), np.zeros((4, 4, 3), np.uint8))
 """

@@ -23,7 +23,7 @@ from gaussian_enhancer.align.photo_consistency import (
 )
 from gaussian_enhancer.align.projection import Interpolation, can_use_kernels, kernel_image
 from gaussian_enhancer.align.reproject import Warped, fill_depth, footprint_between, reproject
-from gaussian_enhancer.align.transparent import dark_transparent, show_dark_surfaces
+from gaussian_enhancer.align.transparent import dark_transparent_pixels, mark_dark_pixels_visible
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.types import Camera, Region, single_precision
@@ -137,7 +137,7 @@ class Reprojected:
     If the splat's render of a reference's view is known, it is used to refine depth and to match colours: two renders
     of one splat do not differ in exposure or blur, and photo and render of one view share a pixel grid. Half precision
     cannot represent pixel coordinates, so half-precision views are warped in single precision, with autocast disabled.
-    Where the splat is transparent, a dark reference may show a dark surface (`show_dark_surfaces`).
+    Where the splat is transparent, a dark reference may show a dark surface (`mark_dark_pixels_visible`).
 
     Args:
         depth: kind of the target's depth; it determines how far depth is refined photometrically before the warp
@@ -205,7 +205,7 @@ class Reprojected:
         rendered = target.depth
         if target.alpha is not None:  # alpha marks the holes, so they can be filled here once for all references
             depth, rendered = fill_depth(depth), fill_depth(rendered)
-        transparent = dark_transparent(target.image, target.alpha)
+        dark = dark_transparent_pixels(target.image, target.alpha)
         warped, weights = [], []
         for i, (source_camera, reference, photo) in enumerate(zip(cameras, references, photos, strict=True)):
             warp_options = reference.depth, target.alpha, self.tolerance, rendered, reference.render, self.interpolation
@@ -216,9 +216,9 @@ class Reprojected:
             difference = photometric_difference(view, target.image)
             if self.photo_consistency is not None:
                 view = hide_inconsistent(view, difference, self.photo_consistency)
-            if transparent is not None:
+            if dark is not None:
                 pair = camera, source_camera
-                view = show_dark_surfaces(view, transparent, target.image, depth, pair, photo, reference.render)
+                view = mark_dark_pixels_visible(view, dark, target.image, depth, pair, photo, reference.render)
             warped.append(view)
             weights.append(reference_weight(view, difference, self.softness))
         order = rank_references(weights, keep)

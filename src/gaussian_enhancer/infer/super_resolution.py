@@ -3,6 +3,7 @@
 Axes: b batch, r references, h height, w width, H and W multiples of them.
 """
 
+import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
@@ -30,6 +31,6 @@ def upsample_where_unseen(
     share = F.avg_pool2d(seen, 3, stride=1, padding=1, count_include_pad=False)
     share = F.interpolate(share, scale_factor=scale, mode="bilinear", align_corners=False)
     for channel in range(3):  # one at a time, so that large images need little memory
-        upsampled = upsample_bicubic(image[:, channel, None], scale)
-        finer[:, channel, None].sub_(upsampled).mul_(share).add_(upsampled)
+        plane = finer[:, channel, None]
+        torch.lerp(upsample_bicubic(image[:, channel, None], scale), plane, share, out=plane)
     return finer

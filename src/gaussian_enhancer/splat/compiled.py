@@ -17,7 +17,7 @@ from typing import Any, no_type_check
 
 import numpy as np
 from numba import njit
-from numba.core import event
+from numba.core.event import Event, Listener, register
 
 ALPHA_MIN = 1.0 / 255.0
 """A Gaussian is skipped at pixels where its alpha is below this."""
@@ -39,21 +39,21 @@ _OPTIONS: dict[str, Any] = {
 }
 
 
-class _CompilationNotice(event.Listener):
+class _CompilationNotice(Listener):
     """Prints one line when a process compiles its first kernel; kernels from the cache cause no event."""
 
     printed = False
 
-    def on_start(self, event: event.Event) -> None:
+    def on_start(self, event: Event) -> None:
         if not self.printed:
             self.printed = True
             print("compiling kernels for this processor, which takes minutes once after installation", file=sys.stderr)
 
-    def on_end(self, event: event.Event) -> None:
+    def on_end(self, event: Event) -> None:
         pass
 
 
-event.register("numba:compile", _CompilationNotice())
+register("numba:compile", _CompilationNotice())
 
 kernel_lock = threading.RLock()
 """Held during every parallel kernel: Numba's fallback threading layer (workqueue) must not be entered concurrently."""
