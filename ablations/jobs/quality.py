@@ -46,7 +46,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[tuple[str, str, StudyC
         () if cfg.records_only else cells_to_measure,
         lambda part: _measured(cfg, *part),
         ("variant", "scene", "splat"),
-        replaces_file=True,
+        replaces_file=cfg.scenes is None,  # with some of the scenes, the records of the others stay
         report=lambda: _reported(cfg),
     )
 

@@ -38,14 +38,14 @@ class StudiedRun:
         capture: the scene's name.
         splat: name of the run's splat.
         run: folder of the job ``fit`` or ``distil``.
-        seconds: duration of the run.
+        seconds: duration of the run; None if it was interrupted.
         gaussians: of its splat.
     """
 
     capture: str
     splat: str
     run: Path
-    seconds: float
+    seconds: float | None
     gaussians: float
 
 
@@ -96,8 +96,9 @@ def named(word: str) -> StudiedRun:
     cost = next((record.metrics for record in read_records(run / "records.jsonl") if record.kind == "cost"), None)
     if cost is None:
         raise InputError(run / "records.jsonl", "holds no record of cost", "name a run of the job fit or distil")
-    seconds, count = (cost.get(name) or 0.0 for name in ("milliseconds", "gaussians"))
-    return StudiedRun(capture, splat, run, seconds / 1e3, count)
+    milliseconds = cost.get("milliseconds")
+    seconds = None if milliseconds is None else milliseconds / 1e3
+    return StudiedRun(capture, splat, run, seconds, cost.get("gaussians") or 0.0)
 
 
 def chosen(words: Sequence[str], recorded: Collection[tuple[str, str]]) -> list[StudiedRun]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from ablations.study.results import Results
 from ablations.study.sample import SceneSplat, ScoreSample
 from ablations.study.statistics import interval
+from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import HIGHER_IS_BETTER
 
 VERDICTS = {True: "met", False: "**missed**", None: "open"}
@@ -56,8 +57,15 @@ class FrameLoss:
 
 
 def improvement_sign(metric: str) -> int:
-    """1 if higher values of a metric are better, -1 if lower ones are."""
-    return 1 if HIGHER_IS_BETTER[metric] else -1
+    """1 if higher values of a metric are better, -1 if lower ones are.
+
+    Raises:
+        InputError: neither is better.
+    """
+    higher = HIGHER_IS_BETTER[metric]
+    if higher is None:
+        raise InputError(metric, "has no better direction", "compare another metric")
+    return 1 if higher else -1
 
 
 def methods_of_role(results: Results, role: str) -> tuple[str, ...]:

@@ -160,6 +160,6 @@ def measure_and_add(study: Study[Any], file: RowFile, digest: str = "") -> None:
         lines += filter(None, part_file.read_text(encoding="utf-8").split("\n"))
     shutil.rmtree(folder, ignore_errors=True)
     missing = [row["reasons"].get("row", "") for row in map(json.loads, lines) if row.get("kind") == MISSING]
-    if lines and len(missing) == len(lines):
+    if lines and len(missing) == len(lines) and study.report is None:  # a report of its own shows what is missing
         raise InputError(study.option, f"name nothing that could be measured ({missing[0]})", "make what is missing")
     file.add_lines(lines)

@@ -82,7 +82,9 @@ def _finished_fits(runs: Path) -> Iterator[tuple[str, float]]:
         cfg, file = _config(marker.parent), marker.parent / "records.jsonl"
         if cfg and file.is_file():
             last_record = json.loads(file.read_text(encoding="utf-8").rstrip("\n").split("\n")[-1])
-            yield _fit_kind(cfg), last_record["metrics"]["milliseconds"] / 60e3 / cfg["settings"]["steps"]
+            milliseconds = last_record["metrics"]["milliseconds"]
+            if milliseconds is not None:  # unknown for fits that were interrupted
+                yield _fit_kind(cfg), milliseconds / 60e3 / cfg["settings"]["steps"]
 
 
 def _finished_trainings(runs: Path) -> Iterator[tuple[str, float]]:
@@ -90,7 +92,8 @@ def _finished_trainings(runs: Path) -> Iterator[tuple[str, float]]:
         cfg, file = _config(marker.parent), marker.parent / "card.json"
         if cfg and file.is_file() and "loading" in cfg["data"]:  # absent from runs of earlier versions
             card = json.loads(file.read_text(encoding="utf-8"))
-            yield _training_kind(cfg), card["minutes"] / max(1, card["steps"])
+            if card["minutes"] is not None:  # unknown for trainings that were interrupted
+                yield _training_kind(cfg), card["minutes"] / max(1, card["steps"])
 
 
 def _config(folder: Path) -> dict[str, Any] | None:

@@ -17,6 +17,7 @@ import numpy as np
 
 from gaussian_enhancer.errors import InputError
 
+_umask_lock = threading.Lock()
 _header_lock = threading.RLock()
 if hasattr(os, "register_at_fork"):  # a worker forked while a thread holds the lock would wait for it for ever
     os.register_at_fork(
@@ -131,9 +132,10 @@ def to_write_error(path: str | Path, error: OSError) -> InputError:
 
 
 def _umask() -> int:
-    """The process's file-creation mask. The system reports it only when a new one is set."""
-    mask = os.umask(0)
-    os.umask(mask)
+    """The process's file-creation mask. The system reports it only when a new one is set, so threads take turns."""
+    with _umask_lock:
+        mask = os.umask(0)
+        os.umask(mask)
     return mask
 
 

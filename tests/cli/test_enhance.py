@@ -62,6 +62,34 @@ def test_a_run_is_enhanced_into_a_run_that_can_be_measured(plane_run, weights, t
     assert all(record.kind == "cost" and record.variant == "enhanced" for record in records)
 
 
+def test_a_run_that_is_enhanced_again_and_stopped_is_not_done(plane_run, weights, tmp_path, monkeypatch):
+    from gaussian_enhancer.cli import enhance
+
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    options = (f"run={plane_run}", f"weights={weights}", f"runs={tmp_path}")
+    run(configured(*options))
+    with monkeypatch.context() as patched:
+        patched.setattr(enhance, "write_enhanced", stopped)
+        with pytest.raises(KeyboardInterrupt):
+            run(configured(*options))
+    (folder,) = (tmp_path / "enhance").iterdir()
+    assert not (folder / "done").is_file()
+    run(configured(*options))
+    assert (folder / "done").is_file()
+
+
+def test_a_weights_file_with_new_content_leads_to_another_run(weights, tmp_path):
+    path = tmp_path / "mine.safetensors"
+    path.write_bytes(weights.read_bytes())
+    options = configured(f"weights={path}")
+    before = effective_options(options)
+    assert effective_options(options) == before
+    save_weights(path, SIF((8, 8, 8), (1, 1, 1)), ReferenceConfig(references=1), {})
+    assert effective_options(options) != before
+
+
 def test_frames_of_a_path_are_enhanced_by_one_process(plane_run, tmp_path):
     with pytest.raises(InputError, match="by one process"):
         run(
@@ -219,6 +247,10 @@ def test_input_that_cannot_be_used_is_refused(plane_run, weights, tmp_path):
         (["gaussians=a.ply"], "without its capture"),
         ([f"renders={plane_run / 'test/ours_100/renders'}"], "without photos"),
         ([f"run={plane_run}", "step=7"], "no renders of step 7"),
+        ([f"run={plane_run}", "views=all"], "views: was given beside run; leave views out"),
+        ([f"run={plane_run}", f"photos={photos}"], "photos: was given beside run"),
+        (["gaussians=a.ply", "step=7"], "step: was given beside gaussians"),
+        ([f"renders={photos}", "method=3dgs"], "method: was given beside renders"),
         ([f"run={plane_run}", "max_references=9"], "0 to 8"),
     ):
         with pytest.raises(InputError, match=words):

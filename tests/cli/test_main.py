@@ -144,6 +144,7 @@ def test_a_measurement_that_is_stopped_begins_anew(toy_job, capsys, monkeypatch)
         raise KeyboardInterrupt
 
     monkeypatch.setitem(cli.BENCHMARKS, "toy", "a toy")
+    monkeypatch.setattr(cli, "RESTARTED", {"toy"})
     module = types.ModuleType("ablations.benchmarks.toy")
     module.run = run
     monkeypatch.setitem(sys.modules, "ablations.benchmarks.toy", module)

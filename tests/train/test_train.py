@@ -245,8 +245,10 @@ def test_training_goes_on_after_a_kill(plane_run, other_plane_run, tmp_path):
     (checkpoint,) = tmp_path.glob("train/*/last.ckpt")
     assert torch.load(checkpoint, weights_only=True)["global_step"] == 5
     run(configured(*options))
-    (card,) = tmp_path.glob("train/*/card.json")
-    assert json.loads(card.read_text())["steps"] == 10
+    (file,) = tmp_path.glob("train/*/card.json")
+    card = json.loads(file.read_text())
+    assert card["steps"] == 10
+    assert card["minutes"] is None  # the killed part was not timed
     rows = next(iter(tmp_path.glob("train/*/log/metrics.csv"))).read_text().splitlines()
     assert len(rows) > 1
     run(configured(*(option.replace(str(tmp_path), str(tmp_path / "whole")) for option in options)))

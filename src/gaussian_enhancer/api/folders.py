@@ -98,7 +98,7 @@ def enhance_folder(
         depth=depth,
         depth_scale=depth_scale,
         capture=capture,
-        attach_fine=_fine_photos(run, scene, downscale),
+        attach_fine=_fine_photos(run, scene, downscale, Path(output) / "photos"),
     )
     task = paths.read(target_device.type, pretrained.reference_config.fine)
     if recover_geometry:
@@ -115,13 +115,16 @@ def enhance_folder(
 
 
 def _fine_photos(
-    run: str | Path | None, scene: str | Path | Scene | None, downscale: int | float
+    run: str | Path | None, scene: str | Path | Scene | None, downscale: int | float, drawn: Path
 ) -> Callable[[RenderedSet], RenderedSet] | None:
-    """A function that attaches photos at 4 times the renders' resolution; None if their source is not known."""
+    """A function that attaches photos at 4 times the renders' resolution; None if their source is not known.
+
+    Photos of a procedural scene are drawn into the folder ``drawn``.
+    """
     if isinstance(scene, str | Path):
         return partial(_attach_from_capture, scene, downscale)
     if run is not None and scene is None:
-        return partial(HighResolutionPhotos(Path("runs") / "photos"), Path(run))
+        return partial(HighResolutionPhotos(drawn), Path(run))
     return None
 
 

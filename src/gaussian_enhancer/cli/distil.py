@@ -19,7 +19,7 @@ from gaussian_enhancer.runs import status
 from gaussian_enhancer.runs.fit_records import held_out_psnr, write_fit_records
 from gaussian_enhancer.runs.run import Run, open_run
 from gaussian_enhancer.runs.runtime import start
-from gaussian_enhancer.splat.fit.checkpoint import discard_checkpoint
+from gaussian_enhancer.splat.fit.checkpoint import discard_checkpoint, holds_checkpoint
 from gaussian_enhancer.splat.fit.export import export_splat, export_views
 from gaussian_enhancer.splat.io.small_files import ENDINGS, write_compressed
 
@@ -67,7 +67,7 @@ def distil_run(cfg: DictConfig) -> Run:
 def _run_distillation(
     job: Run, task: DistilTask, enhancer: SetEnhancer | None, cfg: DictConfig, console: Console
 ) -> None:
-    started = time.monotonic()
+    started = None if holds_checkpoint(job.folder) else time.monotonic()
     gaussians = improve_splat(
         task,
         enhancer,
@@ -75,7 +75,7 @@ def _run_distillation(
         progress=cfg.runtime.progress,
         on_pruned=partial(print_line, console),
     )
-    seconds = time.monotonic() - started
+    seconds = None if started is None else time.monotonic() - started
     step = 1 if task.settings is None else task.settings.steps
     for number, splat in ((0, task.renderer.gaussians), (step, gaussians)):
         export_views(job.folder, task.capture, splat, task.renderer.method, number)

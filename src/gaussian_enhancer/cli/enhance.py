@@ -34,6 +34,7 @@ def run(cfg: DictConfig) -> float | None:
 
     With ``output``, only the images are written, to that folder. Otherwise a run's folder is created in the layout that
     ``measure run=`` reads: renders, enhanced images and photos in parallel folders, the cost in records, and the plan.
+    The same command enhances everything again, in the same folder.
 
     Args:
         cfg: see ``conf/enhance.yaml``.
@@ -80,6 +81,7 @@ def run(cfg: DictConfig) -> float | None:
     if cfg.output:
         return _print_summary(write_enhanced_to(Path(cfg.output)), Path(cfg.output), console)
     job = open_run(effective_options(cfg), "enhance", task.rendered.name)
+    job.restart()
     step_folder = job.folder / "test" / f"ours_{task.step}"
     enhanced_views = write_enhanced_to(step_folder / "enhanced")
     write_sources(task.rendered, step_folder, enhancer.network.scale)
@@ -109,6 +111,7 @@ def _with_distilled_splat(cfg: DictConfig) -> DictConfig:
     distilled_cfg = cfg.copy()
     if cfg.run is not None:
         distilled_cfg.run = str(folder)
+        distilled_cfg.merge_with({"invalid": "refuse", "method": "auto"})  # options of the given splat
     else:
         distilled_cfg.gaussians = str(folder / "splat.ply")
     return distilled_cfg

@@ -12,6 +12,7 @@ from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.scene import Scene
+from gaussian_enhancer.splat.fit.checkpoint import holds_checkpoint
 from gaussian_enhancer.splat.fit.fit import fit
 from gaussian_enhancer.splat.fit.progress import waiting_bar
 from gaussian_enhancer.splat.fit.settings import FitSettings
@@ -40,12 +41,12 @@ def run(cfg: DictConfig) -> float | None:
     console = Console(stderr=True)
     if not job.done:
         stopwatch = Stopwatch(bool(cfg.profile))
-        started = time.monotonic()
+        started = None if holds_checkpoint(job.folder) else time.monotonic()
         with status.discard_if_refused(job.folder):
             gaussians = fit(
                 scene, method, job.folder, settings, device=device, progress=cfg.runtime.progress, stopwatch=stopwatch
             )
-        seconds = time.monotonic() - started
+        seconds = None if started is None else time.monotonic() - started
         write_fit_records(job, scene, method.name, settings.snapshot_steps(), seconds, len(gaussians))
         job.finish()
         if cfg.profile:

@@ -96,6 +96,13 @@ BENCHMARKS = {
 }
 """Single measurements of cost."""
 
+RESTARTED = {
+    *("simulate", "enhance", "view", "train_confidence", "ibgs", "measure", "report", "export", "dashboard", "pages"),
+    *("fresh", "status", "sampler", "ship", "before_after", "flow_figure"),
+    *BENCHMARKS,
+}
+"""Jobs that begin anew after an interruption. All others reuse what was finished."""
+
 JOBS |= SCRIPTS | BENCHMARKS
 
 WAITING_JOBS = (*SUITE_JOBS, "demo")
@@ -144,7 +151,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except LostProcessError as error:
         _exit(1, f"{error}; the same command goes on where it stopped")
     except KeyboardInterrupt:
-        restarts = bool(words) and words[0] in BENCHMARKS
+        restarts = bool(words) and words[0] in RESTARTED
         continuation = "begins anew" if restarts else "goes on where it stopped"
         _exit(INTERRUPTED, f"stopped by Ctrl-C; the same command {continuation}")
 

@@ -283,7 +283,7 @@ class Report(Options):
 
     measured: PathText
     title: Scalar | None
-    most_pictured: NonNegativeInt
+    most_pictured: Annotated[int, Field(ge=1)]
     contact_sheet: bool
 
 

@@ -6,9 +6,8 @@ enhancement is not repeated.
 
 from pathlib import Path
 
-from omegaconf import DictConfig, open_dict
+from omegaconf import DictConfig
 
-from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.cli import enhance, fit
 from gaussian_enhancer.cli.measure import write_measurement
 from gaussian_enhancer.errors import InputError
@@ -40,8 +39,6 @@ def fit_run(job: DictConfig, refusal: InputError | None = None) -> Run:
 def enhance_run(job: DictConfig) -> Path:
     """Enhance a run, unless a finished enhancement of the same configuration exists.
 
-    The digest of the weights is part of the run's hash, so that a file with new content leads to a new run.
-
     Args:
         job: configuration of the job ``enhance``.
 
@@ -51,8 +48,6 @@ def enhance_run(job: DictConfig) -> Path:
     Raises:
         InputError: the weights do not exist or cannot be used.
     """
-    with open_dict(job):
-        job.weights_digest = checkpoint_digest(find_checkpoint(job.weights))
     run_configuration = enhance.effective_options(job)
     existing = find_run(run_configuration, "enhance")
     if existing is None or not existing.done:

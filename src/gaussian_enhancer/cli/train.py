@@ -81,7 +81,7 @@ def _train(cfg: DictConfig, job: Run) -> float | None:
     module = EnhancerModule(_network(cfg), *module_parts, coarse=cfg.coarse, bad_share=_bad_share(cfg))
     trainer = make_trainer(cfg, job, "last")
     checkpoint = job.folder / "last.ckpt"
-    started = time.time()
+    started = None if checkpoint.is_file() else time.time()
     with finish_wandb_run(trainer.loggers), raise_interrupt(trainer):
         trainer.fit(
             module, datamodule=data, ckpt_path=str(checkpoint) if checkpoint.is_file() else None, weights_only=True
@@ -100,7 +100,7 @@ def _train(cfg: DictConfig, job: Run) -> float | None:
         "reference_config": reference_config_of(reference_config),
         "parameters": count_parameters(module.network),
         "steps": trainer.global_step,
-        "minutes": round((time.time() - started) / 60, 1),
+        "minutes": None if started is None else round((time.time() - started) / 60, 1),  # unknown if resumed
         "simulated": float(cfg.data.simulation.share) if "simulation" in cfg.data else 0.0,
         "train": list(cfg.data.train),
         "samples": sum(len(source) for source in data.sources),

@@ -93,7 +93,8 @@ def _image_folders(root: Path, config: Mapping[str, Any]) -> tuple[Path, Path, P
         steps = run_steps(source) if source.is_dir() else ()
         if not steps:
             raise InputError(source, "holds no renders any more", "measure the run at its current path")
-        step_folder = source / "test" / f"ours_{config.get('step') or steps[-1]}"
+        step = config.get("step")
+        step_folder = source / "test" / f"ours_{steps[-1] if step is None else step}"
         return step_folder / "renders", step_folder / "enhanced", step_folder / "gt"
     paths = [config.get(key) for key in ("raw", "images", "photos")]
     if not all(paths):

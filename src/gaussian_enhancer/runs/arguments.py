@@ -1,7 +1,7 @@
 """Checks of a configuration: of inputs that exclude each other, and of values against the targets' signatures."""
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, get_type_hints
 
 from hydra.utils import get_object
@@ -30,6 +30,20 @@ def only_given(inputs: Mapping[str, object], job: str, nothing: str, remedy: str
     if len(given) != 1:
         raise InputError(job, f"was given {' and '.join(given) or nothing}", remedy)
     return given[0]
+
+
+def refuse_without_effect(options: Iterable[str], form: str) -> None:
+    """Refuse options that were given although they have no effect.
+
+    Args:
+        options: the options that were given and have no effect.
+        form: the form of input beside which they were given.
+
+    Raises:
+        InputError: there is such an option.
+    """
+    for name in options:
+        raise InputError(name, f"was given beside {form}", f"leave {name} out: it has no effect there")
 
 
 def check_arguments(node: DictConfig) -> None:

@@ -8,6 +8,7 @@ import torch
 from omegaconf import DictConfig, open_dict
 
 from gaussian_enhancer.align.alignment import Reprojected
+from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
@@ -131,13 +132,18 @@ def effective_options(cfg: DictConfig) -> DictConfig:
     """The configuration without keys that change no image. The name of the run's folder is derived from it.
 
     Removed are a plan that leaves nothing out, an unset time budget, an unset temporal smoothing, an unset
-    distillation, and the recovery of geometry where the input is a run or a splat, which have their own.
+    distillation, and the recovery of geometry where the input is a run or a splat, which have their own. The digest of
+    the weights is added, so that a file with new content leads to a new run.
 
     Args:
         cfg: configuration of the job ``enhance``.
+
+    Raises:
+        InputError: the weights do not exist.
     """
     configuration = copy.deepcopy(cfg)
     with open_dict(configuration):
+        configuration.weights_digest = checkpoint_digest(find_checkpoint(cfg.weights))
         idle_keys = ["dry_run"]
         idle_keys += [name for name in ("budget_ms", "temporal_smoothing", "distil") if not cfg.get(name)]
         if build(cfg.plan).full:

@@ -11,7 +11,9 @@ from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Scene
 
 
-def write_fit_records(job: Run, scene: Scene, method: str, steps: Sequence[int], seconds: float, count: int) -> None:
+def write_fit_records(
+    job: Run, scene: Scene, method: str, steps: Sequence[int], seconds: float | None, count: int
+) -> None:
     """Write the quality of each held-out render, measured on its 8-bit file, and the cost of the run.
 
     Args:
@@ -19,7 +21,7 @@ def write_fit_records(job: Run, scene: Scene, method: str, steps: Sequence[int],
         scene: the scene that was fitted.
         method: name of the splat's method.
         steps: training steps after which views were rendered.
-        seconds: duration of the run.
+        seconds: duration of the run; None if it was interrupted, since only the last part was timed.
         count: number of Gaussians.
 
     Raises:
@@ -36,7 +38,10 @@ def write_fit_records(job: Run, scene: Scene, method: str, steps: Sequence[int],
             size = (image.shape[2], image.shape[1])
             label = (job.folder.name, scene.name, f"{method}/{step}", view.name, "raw")
             records.append(Record("quality", *label, quality.metrics, quality.reasons, size, PROTOCOL))
-    cost: dict[str, float | None] = {"milliseconds": 1e3 * seconds, "gaussians": float(count)}
+    cost: dict[str, float | None] = {
+        "milliseconds": None if seconds is None else 1e3 * seconds,
+        "gaussians": float(count),
+    }
     records.append(Record("cost", job.folder.name, scene.name, method, "", "raw", cost))
     write_records(job.folder / "records.jsonl", records)
 

@@ -1,7 +1,7 @@
 """Inputs of enhancement: a fitted run, a splat with its capture, or a folder of renders."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from omegaconf import DictConfig
 
 from gaussian_enhancer.align.depth_search import DepthKind
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.runs.arguments import only_given
+from gaussian_enhancer.runs.arguments import only_given, refuse_without_effect
 from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos, high_resolution_config
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.rendered_capture import render_capture
@@ -38,6 +38,16 @@ class Task:
     origins: Mapping[str, str] = field(default_factory=dict)
 
 
+_OF_FOLDERS = ("photos", "references", "cameras", "depth", "depth_scale")
+_OF_SPLATS = ("invalid", "method", "views")
+WITHOUT_EFFECT = {
+    "run": (*_OF_SPLATS, *_OF_FOLDERS),
+    "gaussians": ("step", *_OF_FOLDERS),
+    "renders": ("step", *_OF_SPLATS),
+}
+"""Options that have no effect with each form of input."""
+
+
 @dataclass(frozen=True)
 class InputPaths:
     """The paths and options of one of three forms of input.
@@ -47,7 +57,7 @@ class InputPaths:
         gaussians: file of a splat; it is rendered from the cameras of ``capture``.
         renders: folder of renders.
         step: for a run: the training step whose renders are enhanced; None selects the latest.
-        every: for a run: enhance every n-th held-out view.
+        every: enhance every n-th view.
         invalid: for a splat: treatment of Gaussians that are not finite, "refuse" or "drop".
         method: for a splat: its rendering method (`choose_method`).
         views: for a splat: the cameras of the capture that it is rendered from, "test", "train" or "all".
@@ -85,11 +95,14 @@ class InputPaths:
             fine: attach photos at 4 times the renders' resolution where they are available.
 
         Raises:
-            InputError: no form of input or more than one was given, or the input cannot be read.
+            InputError: no form of input or more than one was given, an option has no effect with it, or the input
+                cannot be read.
         """
         inputs = {"run": self.run, "gaussians": self.gaussians, "renders": self.renders}
         remedy = "give one of run=FOLDER, gaussians=FILE with scene=..., renders=FOLDER"
-        only_given(inputs, "enhance", "nothing to enhance", remedy)
+        form = only_given(inputs, "enhance", "nothing to enhance", remedy)
+        defaults = {field.name: field.default for field in fields(self)}
+        refuse_without_effect((name for name in WITHOUT_EFFECT[form] if getattr(self, name) != defaults[name]), form)
         if self.run is not None:
             rendered = _every_nth(read_run(self.run, self.step, capture=self.capture), self.every)
             step = run_steps(Path(self.run))[-1] if self.step is None else self.step
@@ -98,12 +111,12 @@ class InputPaths:
             if self.capture is None:
                 raise InputError("gaussians", "comes without its capture", "add scene=capture scene.path=FOLDER")
             rendered = render_capture(self.gaussians, self.capture, self.method, self.views, device, self.invalid)
-            task = Task(rendered, depth="surface" if device == "cpu" else "expected")
+            task = Task(_every_nth(rendered, self.every), depth="surface" if device == "cpu" else "expected")
             return self.with_fine_photos(task, fine)
         references = self.capture if self.capture is not None else self.references
         folders = self.photos, references, self.depth, self.cameras
         rendered = read_folder(self.renders or "", *folders, depth_scale=self.depth_scale, finer=fine)
-        return Task(rendered, depth="expected")
+        return Task(_every_nth(rendered, self.every), depth="expected")
 
     def with_fine_photos(self, task: Task, fine: bool) -> Task:
         """Attach photos at 4 times the resolution if requested; if they are missing, a note states the reason.

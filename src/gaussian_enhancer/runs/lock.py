@@ -1,7 +1,7 @@
 """Locks: only one process at a time writes a folder or a file of records.
 
-The lock is an operating-system lock on a file ``lock`` in the folder, or on a file beside the records. It ends with the
-process that holds it, however that process ends, and its file is removed when the work ends. If the user starts a
+The lock is an operating-system lock on a file ``.lock`` in the folder, or on a file beside the records. It ends with
+the process that holds it, however that process ends, and its file is removed when the work ends. If the user starts a
 second process on the same folder, that process is refused. A job that needs runs of other jobs, and the jobs of a
 sweep, wait instead.
 """
@@ -18,7 +18,7 @@ from filelock import FileLock, Timeout
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import to_write_error
 
-NAME = "lock"
+NAME = ".lock"
 RECORDS = (".jsonl", ".json")
 """File extensions of records."""
 
@@ -131,7 +131,7 @@ def wait_for_holders(wait: bool = True) -> Iterator[None]:
 
 def _file(path: Path) -> Path:
     path = path.absolute()
-    return path.with_name(f".{path.name}.{NAME}") if path.suffix in RECORDS else path / NAME
+    return path.with_name(f".{path.name}{NAME}") if path.suffix in RECORDS else path / NAME
 
 
 def _try_acquire(lock: FileLock, folder: Path, path: Path) -> bool:

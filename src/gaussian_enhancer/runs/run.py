@@ -42,6 +42,11 @@ class Run:
         """Whether the folder holds the completed result of this run."""
         return finished_digest(self.folder) == self.digest
 
+    def restart(self) -> None:
+        """Mark a finished run as running again, for a job that writes all of its results anew."""
+        (self.folder / "done").unlink(missing_ok=True)
+        status.mark_running(self.folder)
+
     def finish(self) -> None:
         """Mark the run as completed and unlock its folder. This is the last step of a job."""
         write_text(self.folder / "done", json.dumps({"digest": self.digest, "time": time.time()}) + "\n")

@@ -9,8 +9,7 @@ from gaussian_enhancer.degrade.gates.adaptive import AdaptiveGate, MixedGate, ca
 from gaussian_enhancer.degrade.gates.fingerprint import Fingerprint, fingerprint_of_training_views
 from gaussian_enhancer.degrade.gates.gate import AllGate, Gate, NoGate, RandomGate
 from gaussian_enhancer.degrade.photographed import SimulatorInput, read_held_out, read_image
-from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.runs.arguments import only_given
+from gaussian_enhancer.runs.arguments import only_given, refuse_without_effect
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import read_run
@@ -28,10 +27,7 @@ def read_fitted_run(cfg: DictConfig) -> RenderedSet | None:
     inputs = {name: cfg[name] for name in ("image", "run")}
     form = only_given(inputs, "simulate", "nothing to simulate from", "give one of image=FILE, run=FOLDER")
     inapplicable = {"image": ("view", "step"), "run": ("depth",)}[form]
-    unused_option = next((name for name in inapplicable if cfg[name] is not None), None)
-    if unused_option is not None:
-        remedy = f"leave {unused_option} out: it has no effect there"
-        raise InputError(unused_option, f"was given beside {form}", remedy)
+    refuse_without_effect((name for name in inapplicable if cfg[name] is not None), form)
     return read_run(cfg.run, cfg.step) if form == "run" else None
 
 

@@ -147,9 +147,9 @@ class Page:
         if view is None:
             return False
         picture = mode(view)
-        self._shown[client.client_id] = _ShownPicture(key, view, picture, camera, full)
         if client.client_id not in self.server.get_clients():
             return False  # the browser disconnected while its view was drawn
+        self._shown[client.client_id] = _ShownPicture(key, view, picture, camera, full)
         client.scene.set_background_image(to_bytes(picture), format="jpeg", jpeg_quality=QUALITY[full])
         self._frame += 1
         self.controls.show_status(self._frame, picture, view, mode)

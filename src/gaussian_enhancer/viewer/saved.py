@@ -1,5 +1,6 @@
 """Files that the viewer saves: pictures with their cameras, and camera paths that the job ``video`` reads."""
 
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +17,8 @@ from gaussian_enhancer.types import Camera
 from gaussian_enhancer.viewer.cameras import PageCamera
 
 FPS = 30.0
+_numbering = threading.Lock()
+"""Held from the choice of a file's number until the file exists: several browsers may save at the same time."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +48,10 @@ class SavedFiles:
         Raises:
             InputError: the disk is full, or the folder cannot be written.
         """
-        file = self._next("view", ".png")
+        with _numbering:
+            file = self._next("view", ".png")
+            write_image(file, picture)
         write_path(file.with_suffix(".json"), [camera], FPS)
-        write_image(file, picture)
         return file
 
     def save_path(self, cameras: Sequence[Camera], fps: float) -> Path:
@@ -60,8 +64,9 @@ class SavedFiles:
         Raises:
             InputError: the disk is full, or the folder cannot be written.
         """
-        file = self._next("path", ".json")
-        write_path(file, cameras, fps)
+        with _numbering:
+            file = self._next("path", ".json")
+            write_path(file, cameras, fps)
         return file
 
     @property

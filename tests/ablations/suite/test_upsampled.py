@@ -57,7 +57,7 @@ def fits(monkeypatch) -> list[Scene]:
 
     def fit(job: DictConfig) -> None:
         made.append(build(job.scene))
-        run = open_run(job, "fit", "object_2000-3dgs")
+        run = open_run(job, "fit", "object_0-3dgs")
         write_fit(run.folder, made[-1])
         run.finish()
 

@@ -40,9 +40,9 @@ def load_checkpoint(folder: Path, identity: str) -> dict[str, Any] | None:
     Raises:
         InputError: the file is damaged or belongs to another fit.
     """
-    path = folder / NAME
-    if not path.is_file():
+    if not holds_checkpoint(folder):
         return None
+    path = folder / NAME
     refuse_larger_archive(path)
     try:
         values: dict[str, Any] = torch.load(path, weights_only=True)
@@ -51,6 +51,11 @@ def load_checkpoint(folder: Path, identity: str) -> dict[str, Any] | None:
     if values["identity"] != identity:
         raise InputError(path, "belongs to a fit with other settings", "choose another folder, or delete it")
     return values
+
+
+def holds_checkpoint(folder: Path) -> bool:
+    """Whether a folder holds the checkpoint of an interrupted fit."""
+    return (folder / NAME).is_file()
 
 
 def discard_checkpoint(folder: Path) -> None:
