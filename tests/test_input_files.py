@@ -12,6 +12,7 @@ from gaussian_enhancer.input_files import (
     convert_read_errors,
     parse_json,
     read_bytes,
+    read_configuration,
     read_yaml,
     reader,
     refuse_larger,
@@ -139,6 +140,14 @@ def test_what_is_no_plain_yaml_is_refused(tmp_path: Path, text: str) -> None:
 def test_plain_yaml_is_read(tmp_path: Path) -> None:
     (tmp_path / "a.yaml").write_text("a: [1, 2.5, null, x]\n")
     assert read_yaml(tmp_path / "a.yaml") == {"a": [1, 2.5, None, "x"]}
+
+
+def test_a_configuration_is_a_mapping(tmp_path: Path) -> None:
+    (tmp_path / "config.yaml").write_text("3: {seed: 0}\n")
+    assert read_configuration(tmp_path / "config.yaml") == {"3": {"seed": 0}}
+    (tmp_path / "config.yaml").write_text("- 1\n")
+    with pytest.raises(InputError, match=r"config\.yaml: is no configuration"):
+        read_configuration(tmp_path / "config.yaml")
 
 
 def test_an_archive_that_unpacks_to_more_than_the_limit_is_refused(tmp_path: Path, monkeypatch) -> None:

@@ -1,8 +1,6 @@
 """``gaussian-enhancer dashboard``: an interactive page of the suite's results, made from descriptions and records."""
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from omegaconf import DictConfig
 from rich.console import Console
@@ -15,8 +13,6 @@ from ablations.report.dashboard.runs import source_runs
 from ablations.report.dashboard.studies import read_study
 from ablations.suite.evaluation import compose_checked
 from gaussian_enhancer.console import print_line
-from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.input_files import read_yaml
 from gaussian_enhancer.runs.instantiate import require
 
 
@@ -38,7 +34,7 @@ def run(cfg: DictConfig) -> float | None:
     folder, runs = Path(cfg.folder), Path(cfg.runs)
     output = output_path(cfg)
     tables = read_folder(folder)
-    sources = source_runs(runs, all_records(tables), configuration)
+    sources = source_runs(runs, all_records(tables))
     views = int(cfg.images_per_scene)
     pictures = copy_pictures(tables, runs, output, views) if views > 0 else ShownImages()
     title = cfg.title or f"GaussianEnhancer suite · {folder.name}"
@@ -54,18 +50,3 @@ def run(cfg: DictConfig) -> float | None:
     counts += f", {absent} of {len(sources)} runs not on this machine in full" if absent else ""
     print_line(Console(stderr=True), f"{path}: {counts}")
     return None
-
-
-def configuration(path: Path) -> Mapping[str, Any]:
-    """A run's resolved configuration.
-
-    Raises:
-        InputError: the file is no configuration.
-    """
-    try:
-        values = read_yaml(path)
-    except InputError as error:
-        raise InputError(path, f"cannot be read ({str(error).splitlines()[0]})", "run the job again") from error
-    if not isinstance(values, dict):
-        raise InputError(path, "is no configuration", "run the job again")
-    return {str(key): value for key, value in values.items()}

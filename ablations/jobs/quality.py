@@ -3,7 +3,6 @@
 Each step is a content-addressed run: a killed study resumes, and only what has changed is computed again.
 """
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +16,7 @@ from ablations.study.aims import Aims
 from ablations.study.description import Method, SceneGroup, TableDescription
 from ablations.study.engine import Study, job
 from ablations.study.results import Results
+from ablations.study.sections import relative_link
 from ablations.suite.evaluation import StudyCell, check_same_views, measured_row
 from ablations.suite.method_runs import with_backbones
 from gaussian_enhancer.console import print_line
@@ -64,8 +64,7 @@ def _reported(cfg: DictConfig) -> float | None:
     source, page = Path(cfg.records), Path(cfg.markdown)
     records = read_records(source)
     tables = [_table(cfg, str(name), records) for name in cfg.tables]
-    link = Path(os.path.relpath(source, page.parent)).as_posix()
-    write_text(page, quality_page(cfg.title, cfg.about, tables, link))
+    write_text(page, quality_page(cfg.title, cfg.about, tables, relative_link(source, page)))
     print_line(CONSOLE, f"{page}, {source}")
     results = tables[0].results
     last_method = tuple(results.study.methods)[-1]

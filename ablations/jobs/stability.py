@@ -17,6 +17,7 @@ from ablations.stability.order import order_records
 from ablations.stability.sampler import SCHEDULES
 from ablations.stability.watched import matrix_records
 from ablations.study.engine import Study, job
+from ablations.study.sections import relative_link
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
@@ -77,6 +78,5 @@ def _write(page: Path, source: Path, records: Sequence[Record], cases: Sequence[
     figures = {"matrix": matrix_plot(cells), **({"order": order_plot(order)} if order else {})}
     for name, figure in figures.items():
         write_text(folder / f"{name}.svg", figure)
-    link = Path(os.path.relpath(source, page.parent)).as_posix()
     links = {name: f"{folder.name}/{name}.svg" for name in figures}
-    write_text(page, stability_page(records, cases, links, link))
+    write_text(page, stability_page(records, cases, links, relative_link(source, page)))

@@ -1,10 +1,11 @@
 """Texts above and below a table: caption with stand-ins and machine, how to read the table, sources of its numbers."""
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from ablations.study.description import TableDescription
+from ablations.study.sections import distinct_values
 from ablations.study.statistics import MIN_UNITS
 from gaussian_enhancer.metrics.records import MISSING, Record
 
@@ -103,8 +104,3 @@ def sources(folder: Path, table: TableDescription, records: Sequence[Record]) ->
         "sha256 of the records": digest,
     }
     return tuple((label, text or "not stated") for label, text in lines.items())
-
-
-def distinct_values(values: Iterable[str]) -> list[str]:
-    """The distinct non-empty values, sorted."""
-    return sorted({value for value in values if value})

@@ -1,6 +1,5 @@
 """Makes the page on performance from records alone: aims, our and published networks, parts of the pipeline."""
 
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +7,7 @@ from typing import ClassVar
 
 from ablations.study.markdown import frame, markdown
 from ablations.study.plots import Mark, Panel, work_precision
-from ablations.study.sections import source_list
+from ablations.study.sections import distinct_values, missing_section, relative_link, source_list
 from ablations.tradeoff.summary import HIGH, LOW, TIME
 from gaussian_enhancer.metrics.comparison import compare, pair_records
 from gaussian_enhancer.metrics.records import MISSING, Record
@@ -231,10 +230,6 @@ def performance_page(sources: Sources, files: Mapping[str, Path], drawing: Path,
         drawing: the diagram's file.
         page: the page's file, for links.
     """
-
-    def link(path: Path) -> str:
-        return Path(os.path.relpath(path, page.parent)).as_posix()
-
     parts = [HEAD.format(make=MAKE)]
     lines = [target.line(sources) for target in TARGETS]
     parts += ["## Aims\n\n", markdown(frame(("part", "aim", "measured", "verdict", "what bounds it"), lines))]
@@ -247,12 +242,12 @@ def performance_page(sources: Sources, files: Mapping[str, Path], drawing: Path,
         _cold_table(sources),
     ]
     parts += ["\n## Quality of the equal-budget peers\n\n", _quality(sources)]
-    parts += [f"\n![gain in PSNR against time]({link(drawing)})\n"]
+    parts += [f"\n![gain in PSNR against time]({relative_link(drawing, page)})\n"]
     parts += ["\n## What was tried\n\n", _tried(sources), "\n## Graphics cards\n\n", _cards(sources)]
     parts += ["\n## Sources\n\n"]
     for name in sources.FILES:
-        source_records = getattr(sources, name)
-        parts.append(source_list(source_records, link(files[name]), separator="; or ") if source_records else "")
+        if source_records := getattr(sources, name):
+            parts.append(source_list(source_records, relative_link(files[name], page), separator="; or "))
     return "".join(parts)
 
 
@@ -290,8 +285,8 @@ def _networks(sources: Sources) -> str:
              "arithmetic, ms / MP", "memory, ms / MP", "yardsticks", "times ours", "peak MB")  # fmt: skip
     lines = [_network_line(record, rates) for record in records]
     text = NETWORKS.format(width=records[0].size[0], height=records[0].size[1]) + markdown(frame(headings, lines))
-    missing = [f"- `{record.variant}`, {record.splat}: {record.reasons['row']}\n" for record in sources.of(MISSING)]
-    return text + ("\nMissing:\n\n" + "".join(missing) if missing else "")
+    missing = [(f"`{record.variant}`, {record.splat}", record.reasons["row"]) for record in sources.of(MISSING)]
+    return f"{text}\n{missing_section(missing)}" if missing else text
 
 
 def _network_line(record: Record, rates: Mapping[str, float]) -> tuple[str, ...]:
@@ -422,7 +417,7 @@ def _tried_lines(records: Sequence[Record]) -> Iterator[Sequence[str]]:
 
 
 def _cards(sources: Sources) -> str:
-    machines = sorted({record.machine for record in sources.records if record.protocol.startswith("GPU")})
+    machines = distinct_values(record.machine for record in sources.records if record.protocol.startswith("GPU"))
     if machines:
         return f"Measured on {'; '.join(machines)}.\n"
     return f"None was at hand: nothing on this page was measured on one. `{MAKE} -- device=cuda` is ready for it.\n"

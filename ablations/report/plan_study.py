@@ -1,7 +1,6 @@
 """Makes the page on plans, which leave out parts of the input, as Markdown from records alone."""
 
 import math
-import os
 import statistics
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from ablations.study.description import Method, SceneGroup, TableDescription
 from ablations.study.markdown import frame, markdown
 from ablations.study.plots import bar_panels
 from ablations.study.results import Results
+from ablations.study.sections import distinct_values, missing_section, relative_link
 from gaussian_enhancer.metrics.records import MISSING, Record
 
 KIND = "leaving_out"
@@ -149,9 +149,8 @@ def plan_study_page(
         drawing: file of the plot.
         page: file of the page, for relative links.
     """
-    link = Path(os.path.relpath(drawing, page.parent)).as_posix()
     parts = [f"# {title}\n", f"{about.strip()}\n"]
-    parts.append(f"![time and error with what is left out, against all of it]({link})\n")
+    parts.append(f"![time and error with what is left out, against all of it]({relative_link(drawing, page)})\n")
     parts += [part for scenes in sets for part in _parts(scenes)]
     return "\n".join([*parts, "## Already good\n", _already_good(good)])
 
@@ -201,7 +200,7 @@ def _parts(scenes: PlanScenes) -> Iterator[str]:
     if not scenes.records:
         yield f"Not measured yet: `{command}`.\n"
         return
-    commits = ", ".join(sorted({record.commit for record in scenes.records}))
+    commits = ", ".join(distinct_values(record.commit for record in scenes.records))
     yield f"Made by `{command}` with the weights of commit {commits}.\n"
     for plan in scenes.plans():
         costs = scenes.costs(plan)
@@ -211,12 +210,12 @@ def _parts(scenes: PlanScenes) -> Iterator[str]:
         if plan == scenes.aims.shown:
             yield "What was left out:\n"
             yield "".join(map(_left_out, costs))
-    missing = [f"- {record.scene}: {record.reasons['row']}\n" for record in scenes.records if record.kind == MISSING]
-    yield "Missing:\n\n" + "".join(missing) if missing else "Nothing is missing.\n"
+    missing = ((record.scene, record.reasons["row"]) for record in scenes.records if record.kind == MISSING)
+    yield missing_section(missing, "Nothing is missing.\n")
     scene_records = list(scenes.scene_records.values())
     if scene_records:
-        machines = "; ".join(sorted({record.machine for record in scene_records}))
-        protocols = "; ".join(sorted({record.protocol for record in scene_records}))
+        machines = "; ".join(distinct_values(record.machine for record in scene_records))
+        protocols = "; ".join(distinct_values(record.protocol for record in scene_records))
         yield f"Machine: {machines}. Times: {protocols}. Commit: {commits}.\n"
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from ablations.stability.judge import FAILED, KIND, REFUSED, WITHIN
 from ablations.study.markdown import escape_markdown, frame, markdown
+from ablations.study.sections import distinct_values
 from gaussian_enhancer.metrics.records import Record, read_records
 
 Row = Mapping[str, Any]
@@ -219,7 +220,7 @@ def _failed(fuzz: Sequence[Row], coverage: Sequence[Row], kills: Sequence[Row], 
 def _sources(cells: Sequence[Record]) -> str:
     names = ("fuzz", "fuzz_coverage", "kill", "stability")
     files = ", ".join(f"`docs/results/{name}.jsonl`" for name in names)
-    machines = ", ".join(sorted({cell.machine for cell in cells}))
+    machines = ", ".join(distinct_values(cell.machine for cell in cells))
     return (
         f"{files}. `gaussian-enhancer pages write=true` makes this page from them. "
         f"The matrix was computed on {machines}.\n"

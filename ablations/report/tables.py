@@ -7,13 +7,14 @@ from typing import Any
 
 import pandas as pd
 
-from ablations.report.caption import caption, distinct_values, reading, sources
+from ablations.report.caption import caption, reading, sources
 from ablations.report.claims import Claim, claims
 from ablations.study import latex
 from ablations.study.description import TableDescription
 from ablations.study.markdown import escape_markdown, frame, markdown
 from ablations.study.rendered_table import Cell, RenderedTable, StudyTable
 from ablations.study.results import Results
+from ablations.study.sections import distinct_values
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.records import HIGHER_IS_BETTER, MISSING, Record

@@ -1,13 +1,12 @@
 """Makes the page of error over run time as Markdown with diagrams, from records alone."""
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from ablations.report.tradeoff_kernels import kernel_parts
 from ablations.report.tradeoff_quality import TradeoffLimits, quality_parts
 from ablations.report.tradeoff_training import training_parts
-from ablations.study.sections import source_list as sources
+from ablations.study.sections import relative_link, source_list
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.records import Record
 
@@ -27,7 +26,7 @@ def write_pages(
     Raises:
         InputError: a file cannot be written.
     """
-    link = Path(os.path.relpath(folder, page.parent)).as_posix()
+    link = relative_link(folder, page)
     parts, diagrams = [HEAD], {}
     for kind, make_parts in (("quality", None), ("training", training_parts), ("numerics", kernel_parts)):
         if kind not in records:
@@ -42,7 +41,7 @@ def write_pages(
             if diagram:
                 diagrams[f"{name}.svg"] = diagram
                 parts.append(f"![{KINDS[kind]}: {name}]({link}/{name}.svg)\n")
-        parts.append(sources(records[kind], f"{link}/{kind}.jsonl", separator="; or "))
+        parts.append(source_list(records[kind], f"{link}/{kind}.jsonl", separator="; or "))
     for name, diagram in diagrams.items():
         write_text(folder / name, diagram)
         yield folder / name

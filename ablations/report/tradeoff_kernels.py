@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 
 from ablations.study.markdown import frame, markdown
 from ablations.study.plots import Mark, Panel, work_precision
+from ablations.study.sections import missing_section
 from gaussian_enhancer.metrics.records import MISSING, Record
 
 ABOUT = """Each kernel in every dtype and implementation against the same in float64. Relative error is the root mean
@@ -25,8 +26,7 @@ def kernel_parts(records: Sequence[Record]) -> Iterator[tuple[str, str, str]]:
     cases = dict.fromkeys(record.scene for record in measured)
     panels = [_panel(case, [record for record in measured if record.scene == case]) for case in cases]
     yield _table(measured), "numerics", work_precision("Error of kernels against float64", panels, 3)
-    lines = "".join(f"- {r.scene}, `{r.variant}`: {r.reasons['row']}\n" for r in records if r.kind == MISSING)
-    yield f"Missing:\n\n{lines}" if lines else "Missing: nothing.\n", "", ""
+    yield missing_section((f"{r.scene}, `{r.variant}`", r.reasons["row"]) for r in records if r.kind == MISSING), "", ""
 
 
 def _panel(case: str, records: Sequence[Record]) -> Panel:

@@ -7,6 +7,7 @@ import pandas as pd
 
 from ablations.study.markdown import frame, markdown
 from ablations.study.plots import Mark, Panel, work_precision
+from ablations.study.sections import missing_section
 from ablations.tradeoff.summary import SettingSummary, summarise
 from gaussian_enhancer.metrics.comparison import format_value
 from gaussian_enhancer.metrics.records import Record
@@ -65,7 +66,7 @@ def quality_parts(
         settings, reasons = groups[ALL]
         heading = "Settings, all scenes, fastest first (**on the front** of mean squared error):"
         yield f"{heading}\n\n{markdown(setting_table(settings))}", "", ""
-        yield _missing(reasons), "", ""
+        yield missing_section((f"`{name}`", reason) for name, reason in reasons.items()), "", ""
 
 
 def group_by_side(records: Sequence[Record]) -> dict[tuple[str, str], list[Record]]:
@@ -158,13 +159,6 @@ def setting_table(settings: Sequence[SettingSummary]) -> pd.DataFrame:
         rows.append((name, time, quartiles, memory, compile_seconds, *errors))
     heads = ("setting", "ms/MP", "quartiles", "peak MB", "compiling, s", "PSNR, dB", "1 - SSIM")
     return frame((*heads, *(ERRORS.get(name, name) for name in distances)), rows)
-
-
-def _missing(reasons: Mapping[str, str]) -> str:
-    if not reasons:
-        return "Missing: nothing.\n"
-    lines = "".join(f"- `{name}`: {reason}\n" for name, reason in reasons.items())
-    return f"Missing:\n\n{lines}"
 
 
 def _scenes(records: Sequence[Record]) -> str:

@@ -7,6 +7,7 @@ import pandas as pd
 from ablations.study.markdown import frame, markdown
 from ablations.study.plots import Mark, Panel, work_precision
 from ablations.study.rows import frame_of
+from ablations.study.sections import missing_section
 from gaussian_enhancer.metrics.records import MISSING, Record
 
 ERROR = "MSE over the raw render's"
@@ -33,10 +34,8 @@ def training_parts(records: Sequence[Record]) -> Iterator[tuple[str, str, str]]:
             Panel(f"over {title.split(',')[0]}", title, ERROR, _curves(means, key)) for key, title in AXES.items()
         ]
         yield _table(rows), "training", work_precision("Validation error of trainings", panels, len(panels))
-    lines = "".join(
-        f"- `{r.variant}`, seed {r.seed} ({r.run}): {r.reasons['row']}\n" for r in records if r.kind == MISSING
-    )
-    yield f"Missing:\n\n{lines}" if lines else "Missing: nothing.\n", "", ""
+    missing = ((f"`{r.variant}`, seed {r.seed} ({r.run})", r.reasons["row"]) for r in records if r.kind == MISSING)
+    yield missing_section(missing), "", ""
 
 
 def _curves(means: pd.DataFrame, key: str) -> dict[str, tuple[Mark, ...]]:

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import atomic_write
-from gaussian_enhancer.input_files import read_yaml
+from gaussian_enhancer.input_files import read_configuration
 from gaussian_enhancer.metrics.image_quality import psnr
 from gaussian_enhancer.runs.instantiate import require
 from gaussian_enhancer.scene.photos import list_images, read_photo
@@ -150,8 +150,8 @@ def used_weights(run: Path) -> str:
     Raises:
         InputError: its configuration names none.
     """
-    values = read_yaml(run / "config.yaml")
-    if not isinstance(values, dict) or "weights" not in values:
+    values = read_configuration(run / "config.yaml")
+    if "weights" not in values:
         raise InputError(run / "config.yaml", "names no weights", "give the folder of a finished job enhance")
     return Path(str(values["weights"])).stem
 

@@ -31,7 +31,7 @@ from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import load_weights
-from gaussian_enhancer.input_files import read_yaml
+from gaussian_enhancer.input_files import read_configuration
 from gaussian_enhancer.metrics.image_quality import psnr
 from gaussian_enhancer.metrics.lpips import PerceptualDistance, requested_distances
 from gaussian_enhancer.metrics.pair import PROTOCOL
@@ -84,10 +84,10 @@ class ReplacedDepthWarp:
 
 def depths_of(run: Path, rendered: RenderedSet) -> dict[str, Depths]:
     """Every kind of depth of a run's views: rendered from its splat and, for procedural scenes, exact."""
-    splat = configuration(run).get("splat")
-    if not isinstance(splat, DictConfig):
+    splat = read_configuration(run / "config.yaml").get("splat")
+    if not isinstance(splat, dict):
         raise InputError(run / "config.yaml", "names no splat", "give runs of the job fit")
-    gaussians, method = read_splat(run / "splat.ply"), build(splat)
+    gaussians, method = read_splat(run / "splat.ply"), build(DictConfig(splat))
     views = [*rendered.targets, *rendered.references]
     with torch.no_grad():
         drawn = {view.name: render(gaussians, camera_of(view), method) for view in views}
@@ -108,20 +108,8 @@ def exact_depths(world: tuple[str, int], views: Sequence[RenderedView]) -> Depth
 
 def world_of(run: Path) -> tuple[str, int] | None:
     """Family and seed of the procedural world that a run was fitted to; None for captures."""
-    scene = configuration(run).get("scene") or {}
+    scene = read_configuration(run / "config.yaml").get("scene") or {}
     return (str(scene["family"]), int(scene["seed"])) if "family" in scene and "seed" in scene else None
-
-
-def configuration(run: Path) -> DictConfig:
-    """A run's configuration.
-
-    Raises:
-        InputError: it is missing or damaged.
-    """
-    values = read_yaml(run / "config.yaml")
-    if not isinstance(values, dict):
-        raise InputError(run / "config.yaml", "is no configuration", "give runs of the job fit")
-    return DictConfig(values)
 
 
 def camera_of(view: RenderedView) -> Camera:

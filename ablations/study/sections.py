@@ -1,7 +1,9 @@
 """Sections that pages of studies share: methods, aims, means by scene and by pair, losses of frames, missing values."""
 
 import math
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 
 import pandas as pd
 
@@ -108,6 +110,22 @@ def missing_list(results: Results) -> str:
     return "".join(lines) or "Nothing.\n"
 
 
+def missing_section(reasons: Iterable[tuple[str, str]], nothing: str = "Missing: nothing.\n") -> str:
+    """A list of missing rows, from pairs of name and reason; ``nothing`` if there are none."""
+    lines = "".join(f"- {name}: {reason}\n" for name, reason in reasons)
+    return f"Missing:\n\n{lines}" if lines else nothing
+
+
+def relative_link(target: Path, page: Path) -> str:
+    """Address of a file or folder relative to the page that links to it."""
+    return Path(os.path.relpath(target, page.parent)).as_posix()
+
+
+def distinct_values(values: Iterable[str]) -> list[str]:
+    """The distinct non-empty values, sorted."""
+    return sorted(set(values) - {""})
+
+
 def source_list(records: Sequence[Record], link: str, counted: str = "", separator: str = "; ") -> str:
     """A list of the records' protocols, machines, commits, times and file.
 
@@ -119,9 +137,9 @@ def source_list(records: Sequence[Record], link: str, counted: str = "", separat
     """
     times = [record.time for record in records] or [""]
     return (
-        f"- protocol: {separator.join(sorted({record.protocol for record in records} - {''}))}\n"
-        f"- machine: {'; '.join(sorted({record.machine for record in records}))}\n"
-        f"- commit: {', '.join(sorted({record.commit for record in records}))} (`+`: with changes of its own)\n"
+        f"- protocol: {separator.join(distinct_values(record.protocol for record in records))}\n"
+        f"- machine: {'; '.join(distinct_values(record.machine for record in records))}\n"
+        f"- commit: {', '.join(distinct_values(record.commit for record in records))} (`+`: with changes of its own)\n"
         f"- measured: {min(times)} to {max(times)}\n"
         f"- {counted}{len(records)} records in [{link.rsplit('/', 1)[-1]}]({link})\n"
     )

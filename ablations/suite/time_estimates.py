@@ -9,7 +9,7 @@ from typing import Any
 from omegaconf import DictConfig
 
 from ablations.suite.inputs import FIT_STEPS, published_fit_minutes
-from gaussian_enhancer.input_files import read_yaml
+from gaussian_enhancer.input_files import read_configuration
 
 VIEWS = 9
 """Assumed number of measured views of a cell, if its fit does not exist yet."""
@@ -98,8 +98,7 @@ def _finished_trainings(runs: Path) -> Iterator[tuple[str, float]]:
 
 def _config(folder: Path) -> dict[str, Any] | None:
     file = folder / "config.yaml"
-    loaded = read_yaml(file) if file.is_file() else None
-    return {str(key): value for key, value in loaded.items()} if isinstance(loaded, dict) else None
+    return read_configuration(file) if file.is_file() else None
 
 
 def _fit_kind(cfg: Mapping[str, Any]) -> str:

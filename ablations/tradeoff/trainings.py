@@ -4,10 +4,11 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from ablations.report.dashboard.runs import Curve, read_curves
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.input_files import read_configuration
 from gaussian_enhancer.metrics.records import Record, missing_record
 from gaussian_enhancer.runs.instantiate import plain_values
 from gaussian_enhancer.runs.run import digest_of
@@ -31,7 +32,7 @@ def training_records(runs: Path, pattern: str, least_steps: int) -> Iterator[Rec
         InputError: an existing log or card cannot be read.
     """
     folders = [path for path in sorted((runs / "train").glob(pattern)) if (path / "config.yaml").is_file()]
-    configs = {path: DictConfig(OmegaConf.load(path / "config.yaml")) for path in folders}
+    configs = {path: DictConfig(read_configuration(path / "config.yaml")) for path in folders}
     long_trainings = {path: cfg for path, cfg in configs.items() if _steps(cfg) >= least_steps}
     groups: dict[str, set[str]] = {}
     for cfg in long_trainings.values():

@@ -143,6 +143,21 @@ def read_yaml(path: str | Path) -> Any:
         raise InputError(path, f"is no YAML ({error})", "write the file again") from error
 
 
+def read_configuration(path: str | Path) -> dict[str, Any]:
+    """Read the configuration of a run, its ``config.yaml``, as plain values.
+
+    Args:
+        path: the file.
+
+    Raises:
+        InputError: see `read_yaml`; or it holds no mapping.
+    """
+    values = read_yaml(path)
+    if not isinstance(values, dict):
+        raise InputError(path, "is no configuration", "run the job again")
+    return {str(key): value for key, value in values.items()}
+
+
 def refuse_larger_archive(path: str | Path) -> None:
     """Refuse a zip archive, such as a checkpoint of torch, whose unpacked members take more memory than the limit.
 

@@ -3,13 +3,14 @@
 import csv
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ablations.report.dashboard.packed import NumberedValues
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.input_files import read_configuration
 from gaussian_enhancer.metrics.records import Record
 
 MOST_POINTS = 1000
@@ -52,21 +53,18 @@ class SourceRun:
     absent: Mapping[str, str] = field(default_factory=dict)
 
 
-def source_runs(
-    runs: Path, records: Iterable[Record], configuration: Callable[[Path], Mapping[str, Any]]
-) -> tuple[SourceRun, ...]:
+def source_runs(runs: Path, records: Iterable[Record]) -> tuple[SourceRun, ...]:
     """Every run that a record names, in the order of job and name.
 
     Args:
         runs: folder of the runs, ``<job>/<name>``.
         records: the records.
-        configuration: reads a run's ``config.yaml``.
 
     Raises:
         InputError: an existing configuration or log cannot be read.
     """
     named = sorted({(job, name) for record in records for job, name in record.sources.items()})
-    return tuple(_read(runs / job / name, job, name, configuration) for job, name in named)
+    return tuple(_read(runs / job / name, job, name) for job, name in named)
 
 
 def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
@@ -131,13 +129,13 @@ def packed_runs(runs: Sequence[SourceRun]) -> dict[str, Any]:
     return {"runs": packed, "keys": keys.values, "settings": values.values}
 
 
-def _read(folder: Path, job: str, name: str, configuration: Callable[[Path], Mapping[str, Any]]) -> SourceRun:
+def _read(folder: Path, job: str, name: str) -> SourceRun:
     absent: dict[str, str] = {}
     settings: dict[str, str] = {}
     curves: tuple[Curve, ...] = ()
     reason = "the run is not on this machine" if not folder.is_dir() else "the run kept none"
     if (folder / "config.yaml").is_file():
-        settings = flatten(configuration(folder / "config.yaml"))
+        settings = flatten(read_configuration(folder / "config.yaml"))
     else:
         absent["settings"] = reason
     log = folder / "log" / "metrics.csv"

@@ -1,7 +1,7 @@
 """The job ``demo``: fit, enhance, measure and report one procedural scene, with the jobs that a user would run.
 
 A splat is fitted to a sparse capture. Its held-out views are enhanced with the weights that come with the package and
-measured. The results are shown as a table and a page. A finished fit in the folder of runs is reused.
+measured. The results are shown as tables and a page. A finished fit in the folder of runs is reused.
 """
 
 import time
@@ -12,9 +12,8 @@ from rich.console import Console
 
 from gaussian_enhancer.cli.pipeline import enhance_run, fit_run, measure_run
 from gaussian_enhancer.console import print_line
-from gaussian_enhancer.metrics.comparison import compare, pair_records
+from gaussian_enhancer.metrics.comparison import compare, gain_table, pair_records, view_table
 from gaussian_enhancer.report.measured_run import open_measured, write_page
-from gaussian_enhancer.report.terminal import comparison_table, reasons
 from gaussian_enhancer.runs.compose import compose_job
 from gaussian_enhancer.runs.run import find_run, open_run
 
@@ -39,14 +38,12 @@ def run(cfg: DictConfig) -> float | None:
     measured_run = open_measured(folder)
     demo_run = open_run(cfg, "demo", measure_job.scene_name)
     page = demo_run.folder / "report.html"
-    title = f"{measure_job.scene_name}: sparse {measure_job.splat_name}, enhanced"
-    write_page(page, measured_run, title=title)
+    write_page(page, measured_run, title=f"{measure_job.scene_name}: sparse {measure_job.splat_name}, enhanced")
     demo_run.finish()
-    Console().print(comparison_table(measured_run.views, title))
-    if missing_reasons := reasons(measured_run.views):
-        print_line(Console(), missing_reasons)
+    pairs = pair_records(records)
+    print(gain_table(pairs).markdown(), view_table(pairs).markdown(), sep="\n", end="")
     print_line(console, f"{page.resolve().as_uri()}\n{time.monotonic() - started:.0f} s")
-    return compare(pair_records(records), "psnr_aligned").gain
+    return compare(pairs, "psnr_aligned").gain
 
 
 def _fit(cfg: DictConfig, console: Console) -> Path:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 from rich.console import Console
-from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn, TransferSpeedColumn
+from rich.progress import DownloadColumn, Progress, TimeRemainingColumn, TransferSpeedColumn
 
-from gaussian_enhancer.console import hides_progress, print_line
+from gaussian_enhancer.console import hides_progress, print_line, progress_bar
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import plain_values, require
 from gaussian_enhancer.scene.checksum import check_archive
@@ -42,7 +42,8 @@ def run(cfg: DictConfig) -> None:
     if cfg.dry_run:
         return
     console = Console(stderr=True)
-    with _progress(console, hides_progress(cfg, console)) as progress:
+    columns = DownloadColumn(), TransferSpeedColumn(), TimeRemainingColumn()
+    with progress_bar(*columns, hidden=hides_progress(cfg, console), console=console) as progress:
         for archive in needed_archives(dataset, requests):
             archive_path = folder / "archives" / archive.file
             _fetch(cfg, dataset, archive, archive_path, progress)
@@ -74,17 +75,6 @@ def _fetch(cfg: DictConfig, dataset: Dataset, archive: Archive, path: Path, prog
 def _unpack(scene: RequestedScene, name: str, archive: Path, progress: Progress) -> None:
     task = progress.add_task(name, total=None, visible=bool(scene.missing_parts))
     unpack(archive, scene.parts, scene.folder, lambda done, total: progress.update(task, completed=done, total=total))
-
-
-def _progress(console: Console, hidden: bool) -> Progress:
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        DownloadColumn(),
-        TransferSpeedColumn(),
-        TimeRemainingColumn(),
-    )
-    return Progress(*columns, console=console, disable=hidden)
 
 
 def _names(cfg: DictConfig, key: str) -> tuple[str, ...] | None:

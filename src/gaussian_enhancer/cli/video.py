@@ -6,10 +6,10 @@ from pathlib import Path
 from jaxtyping import Float
 from omegaconf import DictConfig
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import MofNCompleteColumn, TimeElapsedColumn, TimeRemainingColumn
 from torch import Tensor
 
-from gaussian_enhancer.console import hides_progress, print_line
+from gaussian_enhancer.console import hides_progress, print_line, progress_bar
 from gaussian_enhancer.errors import INTERRUPTED
 from gaussian_enhancer.infer.time_budget import apply_budget
 from gaussian_enhancer.runs.instantiate import build
@@ -102,9 +102,9 @@ def _video_images(
 
 def _enhanced_frames(film: Film, console: Console, hidden: bool) -> Iterator[Frame]:
     """Yield the frames with a progress bar. Later frames are computed while earlier ones are encoded."""
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    columns = MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()
     new_count = film.stored.count(False)
-    with Progress(*columns, TimeRemainingColumn(), console=console, disable=hidden) as progress:
+    with progress_bar(*columns, hidden=hidden, console=console) as progress:
         task = progress.add_task("enhancing" if new_count else "encoding", total=new_count or len(film.stored))
         for frame in film:
             yield frame

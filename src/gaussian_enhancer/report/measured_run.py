@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.input_files import read_yaml
+from gaussian_enhancer.input_files import read_configuration
 from gaussian_enhancer.metrics.records import Record, read_records
 from gaussian_enhancer.report.collect import compared_views, provenance_of
 from gaussian_enhancer.report.compared import ComparedView
@@ -63,7 +63,7 @@ def open_measured(folder: str | Path) -> MeasuredRun:
         variants = ", ".join(sorted({record.variant for record in records})) or "nothing"
         remedy = "measure a run with renders and enhanced renders, or give raw= as well"
         raise InputError(root, f"holds measurements of {variants}, not of raw and enhanced", remedy)
-    config = _config(root / "config.yaml")
+    config = read_configuration(root / "config.yaml")
     renders, enhanced, photos = _image_folders(root, config)
     costs = _costs(config)
     red, green, blue = (float(value) for value in config.get("background") or (0, 0, 0))
@@ -74,7 +74,7 @@ def open_measured(folder: str | Path) -> MeasuredRun:
 def weights_of(config: Mapping[str, Any]) -> str:
     """The weights that the measured run was enhanced with, from its configuration; empty if unknown."""
     path = Path(config.get("run") or "") / "config.yaml"
-    return str(_config(path).get("weights") or "") if config.get("run") and path.is_file() else ""
+    return str(read_configuration(path).get("weights") or "") if config.get("run") and path.is_file() else ""
 
 
 def write_contact_sheet(path: Path, views: Sequence[ComparedView]) -> None:
@@ -109,12 +109,3 @@ def _costs(config: Mapping[str, Any]) -> tuple[Record, ...]:
     if not config.get("run") or not path.is_file():
         return ()
     return tuple(record for record in read_records(path) if record.kind == "cost" and record.variant == "enhanced")
-
-
-def _config(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        raise InputError(path, "does not exist", "run the job again")
-    values = read_yaml(path)
-    if not isinstance(values, dict):
-        raise InputError(path, "is no configuration", "run the job again")
-    return {str(key): value for key, value in values.items()}

@@ -19,9 +19,10 @@ import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import MofNCompleteColumn, TaskID, TimeElapsedColumn
 from torch import Tensor
 
+from gaussian_enhancer.console import progress_bar
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import load_array, save_array, write_text
 from gaussian_enhancer.runs import lock
@@ -66,8 +67,8 @@ class RecoveryProgress:
 
     def __init__(self, shown: bool) -> None:
         console = Console(stderr=True)
-        columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
-        self._bar = Progress(*columns, console=console, disable=not (shown and console.is_terminal))
+        hidden = not (shown and console.is_terminal)
+        self._bar = progress_bar(MofNCompleteColumn(), TimeElapsedColumn(), hidden=hidden, console=console)
         self._tasks: dict[str, TaskID] = {}
 
     def __enter__(self) -> "RecoveryProgress":

@@ -7,8 +7,10 @@ from typing import Any
 
 from lightning import LightningDataModule
 from lightning.pytorch.overrides.distributed import UnrepeatedDistributedSampler
+from rich.progress import MofNCompleteColumn, TimeRemainingColumn
 from torch.utils.data import DataLoader
 
+from gaussian_enhancer.console import progress_bar
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.frozen import refuse_frozen, refuse_untrained
 from gaussian_enhancer.train.augment import Augmentation
@@ -136,8 +138,6 @@ class RunsData(LightningDataModule):
 
     def _collect(self) -> None:
         """Prepare the samples of all runs, and remove those that are not finite."""
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
         runs = {side: [find_runs(pattern) for pattern in patterns] for side, patterns in self.patterns.items()}
         train_runs, validation_runs = (
             {run for group in runs[side] for run in group} for side in ("train", "validation")
@@ -147,15 +147,8 @@ class RunsData(LightningDataModule):
         if train_runs & validation_runs:
             shared_run = sorted(train_runs & validation_runs)[0]
             raise InputError(shared_run, "is both trained and validated on", "name disjoint runs")
-        bar = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-            disable=not self.samples.progress,
-        )
         training_views = self.simulation is not None and self.simulation.training_views
-        with bar:
+        with progress_bar(MofNCompleteColumn(), TimeRemainingColumn(), hidden=not self.samples.progress) as bar:
             task = bar.add_task("warping references", total=None)
             options = max(1, self.loading.workers), lambda: bar.advance(task)
             for group in runs["train"]:

@@ -10,8 +10,10 @@ from types import TracebackType
 
 from jaxtyping import Float
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from torch import Tensor
+
+from gaussian_enhancer.console import progress_bar
 
 EVERY = 10
 """Steps between two readings of the loss; each reading waits for the device."""
@@ -25,9 +27,9 @@ def waiting_bar(title: str, shown: bool) -> Iterator[None]:
         title: what is prepared.
         shown: whether to show it.
     """
-    columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
     console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not (shown and console.is_terminal)) as bar:
+    hidden = not (shown and console.is_terminal)
+    with progress_bar(TimeElapsedColumn(), hidden=hidden, console=console, transient=True) as bar:
         bar.add_task(title, total=None)
         yield
 
@@ -42,15 +44,8 @@ class FitProgress:
     """
 
     def __init__(self, steps: int, title: str, shown: bool) -> None:
-        self._bar = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[state]}"),
-            TimeRemainingColumn(),
-            console=Console(stderr=True),
-            disable=not shown,
-        )
+        columns = MofNCompleteColumn(), TextColumn("{task.fields[state]}"), TimeRemainingColumn()
+        self._bar = progress_bar(*columns, hidden=not shown, console=Console(stderr=True))
         self._task = self._bar.add_task(title, total=steps or None, state="")
         self._loss: float | None = None
         self._error: float | None = None

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from omegaconf import OmegaConf
 from PIL import Image
 
 from ablations.report.dashboard.folder import TableRecords, all_records, read_folder
@@ -21,10 +20,6 @@ from support.dashboard_samples import NASTY, QUALITY, measured, write_results, w
 @pytest.fixture(scope="module")
 def listed(tmp_path_factory: pytest.TempPathFactory) -> tuple[TableRecords, ...]:
     return read_folder(write_results(tmp_path_factory.mktemp("results")))
-
-
-def settings(path: Path) -> dict:
-    return dict(OmegaConf.to_container(OmegaConf.load(path)))
 
 
 def data(text: str) -> dict:
@@ -96,7 +91,7 @@ def test_a_table_without_records_is_there_and_says_so(tmp_path: Path) -> None:
 
 
 def test_runs_are_read_as_far_as_they_lie_here(tmp_path: Path) -> None:
-    runs = source_runs(write_runs(tmp_path), measured(), settings)
+    runs = source_runs(write_runs(tmp_path), measured())
     found = {(run.job, run.name): run for run in runs}
     gepp = found["train", "gepp-seed1"]
     assert [curve.name for curve in gepp.curves] == ["gain/psnr", "train/total"]

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from omegaconf import OmegaConf
 
 from ablations.report.dashboard.folder import TableRecords, all_records, read_folder
 from ablations.report.dashboard.page import write_dashboard
@@ -31,7 +30,7 @@ def listed(tmp_path_factory: pytest.TempPathFactory) -> tuple[TableRecords, ...]
 def written(tmp_path_factory: pytest.TempPathFactory, listed: tuple[TableRecords, ...]) -> Path:
     folder = tmp_path_factory.mktemp("dashboard")
     runs = write_runs(folder / "runs")
-    sources = source_runs(runs, all_records(listed), lambda path: dict(OmegaConf.to_container(OmegaConf.load(path))))
+    sources = source_runs(runs, all_records(listed))
     pictures = copy_pictures(listed, runs, folder)
     shutil.rmtree(runs)
     write_dashboard(folder / "dashboard.html", "Suite", listed, sources, pictures)
