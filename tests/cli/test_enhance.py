@@ -15,8 +15,11 @@ from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.network.ssif_sr import SSIFSR
+from gaussian_enhancer.runs.inputs import refuse_input_folder
 from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.scene.photos import read_photo
+from gaussian_enhancer.scene.posed import ReadPhoto
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.io.ply import write_ply
@@ -260,6 +263,26 @@ def test_input_that_cannot_be_used_is_refused(plane_run, weights, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_folder_of_the_input_is_not_written_into(plane_run, weights, tmp_path):
+    shutil.copytree(plane_run / "test/ours_100/renders", tmp_path / "renders")
+    shutil.copytree(plane_run / "train/ours_100/gt", tmp_path / "photos")
+    inputs = (f"renders={tmp_path / 'renders'}", f"photos={tmp_path / 'photos'}", f"weights={weights}")
+    before = [path.read_bytes() for path in sorted(tmp_path.glob("*/*"))]
+    for folder in ("renders", "photos"):
+        for dry_run in ("false", "true"):
+            with pytest.raises(InputError, match="of the input; name another folder"):
+                run(configured(*inputs, f"output={tmp_path / folder}", f"dry_run={dry_run}", "recover_geometry=false"))
+    assert [path.read_bytes() for path in sorted(tmp_path.glob("*/*"))] == before
+
+
+def test_a_splats_capture_is_not_written_into():
+    photo = Photo("a.jpg", plane_camera(0, 48, 64), ReadPhoto(Path("capture/images/a.jpg"), 48, 64, (0.0, 0.0, 0.0)))
+    views = (RenderedView(photo.name, None, photo.camera, read_photo=photo.read),)
+    refuse_input_folder(Path("capture"), RenderedSet("s", (), views))
+    with pytest.raises(InputError, match=r"holds a.jpg of the input"):
+        refuse_input_folder(Path("capture/images"), RenderedSet("s", (), views))
+
+
 @pytest.fixture(scope="module")
 def fine_weights(tmp_path_factory) -> Path:
     """An untrained network, which returns the bicubically enlarged render."""
@@ -307,7 +330,11 @@ def test_a_folder_with_photos_finer_than_its_renders(plane_run, fine_weights, we
     (folder,) = (tmp_path / "enhance").iterdir()
     assert same(folder / "test/ours_0/gt", fine / "test/ours_100/gt")
     assert same(folder / "test/ours_0/enhanced", folder / "test/ours_0/renders")
-    with pytest.raises(InputError, match="is 256x192 but its render"):
+    run(configured(*folders, *geometry, f"weights={weights}"))  # at the render's size, its own photo is resized
+    (other,) = set((tmp_path / "enhance").iterdir()) - {folder}
+    assert read_photo(other / "test/ours_0/gt/view_000.png").shape == (3, 48, 64)
+    write_image(tmp_path / "photos/view_000.png", torch.zeros(3, 192, 200))
+    with pytest.raises(InputError, match="is 200x192 but its render"):
         run(configured(*folders, f"weights={weights}"))
 
 

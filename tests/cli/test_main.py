@@ -89,8 +89,7 @@ def test_user_mistake_is_one_line_and_exit_code_2(toy_job, capsys):
 
 MISTAKES = {
     "size=-1": "size: is -1; give a positive number",
-    "nothing=3": "nothing: is no option of toy; see gaussian-enhancer toy --help, "
-    "or add a key of your own: +nothing=VALUE",
+    "nothing=3": "nothing: is no option of toy; see gaussian-enhancer toy --help",
     "colour=green": "colour: has no choice 'green'; choose blue, red",
     "path=a=b": """override path=a=b: cannot be parsed (mismatched input '=' expecting <EOF>); """
     """quote the value twice: path='"a=b"'""",

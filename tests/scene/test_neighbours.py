@@ -62,6 +62,7 @@ def test_target_is_never_its_own_reference():
     candidates = [view("t.png", camera_at()), view("a.png", camera_at(1.0)), view("b.png", camera_at(0.5))]
     assert rank_references(view("t.png", camera_at()), candidates, 5) == (2, 1)
     assert rank_references(view("t.png"), candidates, 5) == (2, 1)
+    assert rank_references(view("t.jpg", camera_at()), candidates, 5) == (2, 1)  # the photo of the same view
 
 
 def test_without_cameras_names_nearest_in_natural_order():

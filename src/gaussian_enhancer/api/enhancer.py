@@ -93,7 +93,7 @@ class Enhancer:
         Raises:
             InputError: the weights do not exist, the file is damaged, or an option is out of range.
         """
-        return cls(load_weights(weights), device, background, EnhancementOptions(**options))
+        return cls(load_weights(weights), device, background, EnhancementOptions.of(**options))
 
     @property
     def scale(self) -> int:

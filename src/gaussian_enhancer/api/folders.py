@@ -14,7 +14,7 @@ from gaussian_enhancer.infer.preload import validation_reads
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.runs.enhancement import lost_references, prepare_enhancement, recover_missing_geometry
 from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos, high_resolution_values
-from gaussian_enhancer.runs.inputs import InputPaths
+from gaussian_enhancer.runs.inputs import InputPaths, refuse_input_folder
 from gaussian_enhancer.runs.output import write_enhanced
 from gaussian_enhancer.runs.runtime import choose_device
 from gaussian_enhancer.scene.capture import open_capture
@@ -83,7 +83,7 @@ def enhance_folder(
     if Path(output).is_file():
         raise InputError(output, "cannot be written: it is a file", "name a folder")
     target_device: torch.device = choose_device("auto" if device is None else device)
-    settings, pretrained = EnhancementOptions(**options), load_weights(weights)
+    settings, pretrained = EnhancementOptions.of(**options), load_weights(weights)
     capture = open_capture(scene, downscale=downscale) if isinstance(scene, str | Path) else scene
     paths = InputPaths(
         run,
@@ -101,6 +101,7 @@ def enhance_folder(
         attach_fine=_fine_photos(run, scene, downscale, Path(output) / "photos"),
     )
     task = paths.read(target_device.type, pretrained.reference_config.fine)
+    refuse_input_folder(Path(output), task.rendered)
     if recover_geometry:
         task = recover_missing_geometry(task, pretrained, settings, Path(output) / "geometry")
     enhancer, task, validated = prepare_enhancement(pretrained, task, settings, target_device)

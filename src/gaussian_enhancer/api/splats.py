@@ -64,7 +64,7 @@ def distil_splat(
         raise InputError(folder, "is a file or holds a splat already", "name another folder")
     target_device = choose_device("auto" if device is None else device)
     distil_settings = DistilSettings() if settings is None else settings
-    enhancement_options = EnhancementOptions(**{"plan": "full", **options})
+    enhancement_options = EnhancementOptions.of(**{"plan": "full", **options})
     if run is None and isinstance(scene, str | Path):
         scene = open_capture(scene, downscale=downscale)
     splat, capture = find_splat_and_capture(run, gaussians, scene if isinstance(scene, Scene) else None)

@@ -60,6 +60,6 @@ def to_input_error(error: Exception, job: str, overrides: Sequence[str] = ()) ->
             if override.startswith(f"{group}=") and "," in override:
                 remedy = f"make it part of the sweep: '{option}=choice(VALUE)'"
                 return InputError(option, f"cannot be set beside the sweep {override}", remedy)
-        remedy = f"see gaussian-enhancer {job} --help, or add a key of your own: +{option}=VALUE"
+        remedy = f"see gaussian-enhancer {job} --help"
         return InputError(option, f"is no option of {job}", remedy)
     return InputError(f"command line of {job}", f"is refused ({message})", f"see gaussian-enhancer {job} --help")

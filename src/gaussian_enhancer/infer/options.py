@@ -1,6 +1,7 @@
 """The options of an enhancement, which the command line and the Python API share."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import torch
 
@@ -57,6 +58,19 @@ class EnhancementOptions:
             raise InputError("depth_kind", f"is {self.depth_kind!r}", f"choose auto, {', '.join(SEARCHES)}")
         if not isinstance(self.plan, Rules) and self.plan not in ("auto", "full"):
             raise InputError("plan", f"is {self.plan!r}", "choose auto or full, or give Rules")
+
+    @classmethod
+    def of(cls, **options: Any) -> "EnhancementOptions":
+        """Make options from keyword arguments of the Python API.
+
+        Raises:
+            InputError: an option does not exist, or is out of range.
+        """
+        names = [field.name for field in fields(cls)]
+        for name in options:
+            if name not in names:
+                raise InputError(name, "is no option of an enhancement", f"choose one of {', '.join(names)}")
+        return cls(**options)
 
     @property
     def rules(self) -> Rules:

@@ -116,7 +116,7 @@ class InputPaths:
         references = self.capture if self.capture is not None else self.references
         folders = self.photos, references, self.depth, self.cameras
         rendered = read_folder(self.renders or "", *folders, depth_scale=self.depth_scale, finer=fine)
-        return Task(_every_nth(rendered, self.every), depth="expected")
+        return Task(_every_nth(rendered, self.every), depth="surface" if rendered.own_depth else "expected")
 
     def with_fine_photos(self, task: Task, fine: bool) -> Task:
         """Attach photos at 4 times the resolution if requested; if they are missing, a note states the reason.
@@ -131,6 +131,23 @@ class InputPaths:
             return replace(task, rendered=self.attach_fine(task.rendered))
         except InputError as missing:
             return replace(task, note=str(missing))
+
+
+def refuse_input_folder(output: Path, rendered: RenderedSet) -> None:
+    """Refuse an output folder that holds files of the input, which could be replaced.
+
+    Args:
+        output: folder of the enhanced images.
+        rendered: the views, whose files are looked up where they are read from files.
+
+    Raises:
+        InputError: the folder holds a render, a photo or a depth map of the input.
+    """
+    for view in (*rendered.targets, *rendered.references):
+        for read in (view.read, view.read_photo, view.read_fine_photo, view.read_depth, view.read_alpha):
+            path = getattr(read, "path", None)
+            if path is not None and Path(path).resolve().parent == output.resolve():
+                raise InputError(output, f"holds {Path(path).name} of the input", "name another folder")
 
 
 def read_task(cfg: DictConfig, device: str, fine: bool) -> Task:

@@ -9,6 +9,7 @@ Axes: h w the target's size, n candidates.
 import math
 import re
 from collections.abc import Collection, Sequence
+from pathlib import Path
 
 import torch
 from jaxtyping import Float
@@ -88,9 +89,11 @@ def rank_references(
 ) -> tuple[int, ...]:
     """Indices of the ``count`` best references among the candidates, best first.
 
-    Candidates with the target's own name are excluded. With cameras, candidates are ordered by pose cost or, where
-    depth is given, by ``(1 + cost) / covisibility``: a reference that sees half of the target must have half the
-    ``1 + cost`` to rank equally. Without cameras, the names nearest to the target's in natural order are chosen.
+    Candidates with the target's own name, whatever its ending, are excluded: they are its ground truth.
+
+    With cameras, candidates are ordered by pose cost or, where depth is given, by ``(1 + cost) / covisibility``: a
+    reference that sees half of the target must have half the ``1 + cost`` to rank equally. Without cameras, the names
+    nearest to the target's in natural order are chosen.
 
     Covisibility is estimated from about 4,000 evenly spaced pixels whatever the size of the view, since captures may
     have hundreds of candidates. Views below 256x256 pixels use every 4th pixel in each direction.
@@ -109,7 +112,8 @@ def rank_references(
     """
     if count < 1:
         raise InputError("reference count", f"is {count}", "ask for at least 1")
-    eligible = [i for i, view in enumerate(candidates) if view.name != target.name]
+    own_stem = Path(target.name).stem  # render and photo of one view may have different endings
+    eligible = [i for i, view in enumerate(candidates) if Path(view.name).stem != own_stem]
     cameras = [camera for i in eligible if (camera := candidates[i].camera) is not None]
     if target.camera is None or not cameras:
         return _nearest_names(target.name, [candidates[i].name for i in eligible], eligible)[:count]

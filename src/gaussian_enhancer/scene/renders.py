@@ -134,7 +134,8 @@ def read_folder(
     for stem, path in files.items():
         depth_reader = _depth_of(depths, stem, path, depth_scale, needed=True)
         camera = _camera_of(named_cameras, stem, path, cameras_file)
-        targets.append(_view(path, truth_photos.get(stem), depth_reader, None, camera, background, finer))
+        photo = truth_photos.get(stem)
+        targets.append(_view(path, photo, depth_reader, None, camera, background, finer, resizes_photo=True))
     if isinstance(references, Scene):
         reference_views = _references(references)
     else:
@@ -265,11 +266,12 @@ def _view(
     camera: Camera | None,
     background: Colour,
     finer: bool = False,
+    resizes_photo: bool = False,
 ) -> RenderedView:
     """One target with its photo, depth and alpha, which must have the render's size.
 
-    A camera of another size but the same aspect ratio is resized. With ``finer`` the photo may have 4 times the
-    render's resolution.
+    A camera of another size but the same aspect ratio is resized, and with ``resizes_photo`` a photo too. With
+    ``finer`` the photo may have 4 times the render's resolution.
     """
     header = read_header(render)
     size = header.size
@@ -279,7 +281,7 @@ def _view(
         if finer and is_finer(photo_size, size):
             fine_reader = ReadPhoto(photo, UPSCALE * size[0], UPSCALE * size[1], background)
             fine_size = original_size(photo_size, size)
-        else:
+        elif not (resizes_photo and evenly_resized(photo_size, size)):
             _refuse_other_size(render, size, photo, photo_size)
     if depth is not None:
         _refuse_other_size(render, size, depth.path, depth_size(depth.path))
