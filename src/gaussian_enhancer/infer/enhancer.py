@@ -19,6 +19,7 @@ from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool, b
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.change_confidence import ChangeConfidence, apply_shares
 from gaussian_enhancer.infer.colour_completion import complete_change
+from gaussian_enhancer.infer.empty_areas import restore_empty_areas
 from gaussian_enhancer.infer.finite_check import refuse_not_finite
 from gaussian_enhancer.infer.plan import ViewPlan
 from gaussian_enhancer.infer.planner import Planner
@@ -313,9 +314,9 @@ class SetEnhancer:
             enhanced = clamp_to_references(enhanced, views, self.colour_clamping)
         if self.colour_completion:
             enhanced = complete_change(enhanced, views)
-        if self.confidence is None:
-            return enhanced
-        return apply_shares(enhanced, views.render, self.confidence.shares(enhanced, views))
+        if self.confidence is not None:
+            enhanced = apply_shares(enhanced, views.render, self.confidence.shares(enhanced, views))
+        return restore_empty_areas(enhanced, views)
 
 
 def _same_pose(camera: Camera | None, other: Camera | None) -> bool:
