@@ -36,7 +36,7 @@ def restore_empty_areas(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput)
     """
     if views.alpha is None:
         return enhanced
-    unseen = views.visibility.amax(1) <= 0
+    unseen = ~(views.visibility > 0).any(1)
     empty = (unseen & (views.alpha < EMPTY_OPACITY)).to(enhanced.dtype)
     if float(empty.mean()) <= SMALL_SHARE:
         return enhanced
