@@ -317,7 +317,7 @@ def test_fit_into_the_folder_of_another_fit(capture: Path, refused: Refused) -> 
 
 def test_two_fits_into_one_folder(capture: Path, refused: Refused) -> None:
     Path("out").mkdir()
-    with FileLock("out/lock"):  # another process's, as far as this one knows
+    with FileLock("out/.lock"):  # another process's, as far as this one knows
         line = refused(*fit(capture, "output=out"))
         assert "out: is being written by another process" in line
         assert "out: is being written by another process" in refused(*enhance("run=nowhere", "output=out"))

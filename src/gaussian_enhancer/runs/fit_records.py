@@ -42,7 +42,8 @@ def write_fit_records(
         "milliseconds": None if seconds is None else 1e3 * seconds,
         "gaussians": float(count),
     }
-    records.append(Record("cost", job.folder.name, scene.name, method, "", "raw", cost))
+    reasons = {} if seconds is not None else {"milliseconds": "interrupted: only the last part was timed"}
+    records.append(Record("cost", job.folder.name, scene.name, method, "", "raw", cost, reasons))
     write_records(job.folder / "records.jsonl", records)
 
 
