@@ -14,7 +14,7 @@ from omegaconf import OmegaConf
 from PIL import Image
 from safetensors.torch import load_file
 
-from gaussian_enhancer.metrics.records import read_records
+from gaussian_enhancer.metrics.records import Record, read_records
 from gaussian_enhancer.splat.io.open import read_splat
 from gaussian_enhancer.splat.io.ply import write_ply
 from support.captures_on_disk import write_transforms
@@ -131,11 +131,16 @@ def result(folder: Path) -> dict[str, Any]:
     return {str(name): content(folder / name) for name in names if CACHES.isdisjoint(name.parts)}
 
 
+def reasons(record: Record) -> dict[str, str]:
+    """Why values are missing, but for the duration, which an interrupted run lacks."""
+    return {name: reason for name, reason in record.reasons.items() if name != "milliseconds"}
+
+
 def content(path: Path) -> Any:
     """What a file says, without the times that it tells."""
     if path.suffix == ".jsonl":
         return [
-            (r.kind, r.scene, r.splat, r.view, r.variant, r.seed, r.reasons, r.sources, r.kind == "cost" or r.metrics)
+            (r.kind, r.scene, r.splat, r.view, r.variant, r.seed, reasons(r), r.sources, r.kind == "cost" or r.metrics)
             for r in read_records(path)
         ]
     if path.suffix == ".safetensors":
