@@ -282,6 +282,15 @@ def test_mistakes_are_refused_with_their_remedy(views, enhancer, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_an_unknown_option_is_refused_by_name(tmp_path):
+    for call in (
+        lambda: Enhancer.from_pretrained("lr_tiny", device="cpu", max_refs=1),
+        lambda: enhance_folder(renders=tmp_path, output=tmp_path / "out", max_refs=1),
+    ):
+        with pytest.raises(InputError, match="options: names 'max_refs'; choose from max_references"):
+            call()
+
+
 def test_wrong_types_are_refused():
     """In a process of its own, since the tests' shape checker refuses them first."""
     program = """

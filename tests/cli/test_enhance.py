@@ -15,12 +15,12 @@ from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.network.ssif_sr import SSIFSR
-from gaussian_enhancer.runs.inputs import refuse_input_folder
+from gaussian_enhancer.runs.inputs import InputPaths, refuse_input_folder
 from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.scene.photos import read_photo
 from gaussian_enhancer.scene.posed import ReadPhoto
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
-from gaussian_enhancer.scene.renders import read_run
+from gaussian_enhancer.scene.renders import OWN_RUN_FILES, read_run
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.io.ply import write_ply
 from gaussian_enhancer.types import Gaussians, quantise_8_bit
@@ -271,8 +271,20 @@ def test_a_folder_of_the_input_is_not_written_into(plane_run, weights, tmp_path)
     for folder in ("renders", "photos"):
         for dry_run in ("false", "true"):
             with pytest.raises(InputError, match="of the input; name another folder"):
-                run(configured(*inputs, f"output={tmp_path / folder}", f"dry_run={dry_run}", "recover_geometry=false"))
+                run(configured(*inputs, f"output={tmp_path / folder}", f"dry_run={dry_run}"))
     assert [path.read_bytes() for path in sorted(tmp_path.glob("*/*"))] == before
+
+
+def test_folders_of_an_own_run_have_its_kind_of_depth(plane_run, tmp_path):
+    own = shutil.copytree(plane_run, tmp_path / "run")
+    side = own / "test/ours_100"
+    paths = InputPaths(renders=side / "renders", photos=side / "gt", every=2)
+    assert paths.read("cpu", False).depth == "expected"  # of another program
+    for name in OWN_RUN_FILES:
+        (own / name).write_text("{}")
+    task = paths.read("cpu", False)
+    assert task.depth == "surface"
+    assert [view.name for view in task.rendered.targets] == ["view_000.png"]
 
 
 def test_a_splats_capture_is_not_written_into():

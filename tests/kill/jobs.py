@@ -109,7 +109,7 @@ JOBS: dict[str, Job] = {
 
 # What is compared ------------------------------------------------------------------------------------------------
 
-PASSING = ("done", "running", "failed", ".lock", "hparams.yaml", "last.ckpt")
+PASSING = ("done", "running", "failed", "hparams.yaml", "last.ckpt")
 """Files that hold times or processes, or that a finished job no longer reads."""
 CACHES = {"locks", "samples", "photos"}
 """Folders of what can be made again, named by when their source was finished."""
@@ -177,7 +177,7 @@ def cut(folder: Path) -> list[str]:
 
 
 def _read(path: Path) -> None:
-    if path.name in (".lock", "lock", "metrics.csv") or path.parent.name == "locks":
+    if path.name in ("lock", "metrics.csv") or path.parent.name == "locks":
         return
     if path.suffix in (".png", ".jpg"):
         Image.open(path).load()

@@ -67,7 +67,7 @@ def distil_run(cfg: DictConfig) -> Run:
 def _run_distillation(
     job: Run, task: DistilTask, enhancer: SetEnhancer | None, cfg: DictConfig, console: Console
 ) -> None:
-    started = None if holds_checkpoint(job.folder) else time.monotonic()
+    resumed, started = holds_checkpoint(job.folder), time.monotonic()
     gaussians = improve_splat(
         task,
         enhancer,
@@ -75,7 +75,7 @@ def _run_distillation(
         progress=cfg.runtime.progress,
         on_pruned=partial(print_line, console),
     )
-    seconds = None if started is None else time.monotonic() - started
+    seconds = None if resumed else time.monotonic() - started
     step = 1 if task.settings is None else task.settings.steps
     for number, splat in ((0, task.renderer.gaussians), (step, gaussians)):
         export_views(job.folder, task.capture, splat, task.renderer.method, number)

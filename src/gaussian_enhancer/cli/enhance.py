@@ -18,7 +18,6 @@ from gaussian_enhancer.infer.time_budget import apply_budget
 from gaussian_enhancer.metrics.records import write_records
 from gaussian_enhancer.runs.compose import compose_job
 from gaussian_enhancer.runs.enhancement import effective_options, load_enhancement, lost_references, process_count
-from gaussian_enhancer.runs.inputs import refuse_input_folder
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.output import cost_records, write_enhanced, write_sources
 from gaussian_enhancer.runs.run import open_run
@@ -54,8 +53,6 @@ def run(cfg: DictConfig) -> float | None:
         cfg = _with_distilled_splat(cfg)
     cfg = apply_budget(cfg, load_enhancement, start(cfg.runtime), console)
     enhancer, task, validated = load_enhancement(cfg, start(cfg.runtime))
-    if cfg.output:
-        refuse_input_folder(Path(cfg.output), task.rendered)
     rules = build(cfg.plan)
     planner = validated.planner(rules)
     progress_hidden = hides_progress(cfg, console)
@@ -83,8 +80,7 @@ def run(cfg: DictConfig) -> float | None:
 
     if cfg.output:
         return _print_summary(write_enhanced_to(Path(cfg.output)), Path(cfg.output), console)
-    job = open_run(effective_options(cfg), "enhance", task.rendered.name)
-    job.restart()
+    job = open_run(effective_options(cfg), "enhance", task.rendered.name, reused=False)
     step_folder = job.folder / "test" / f"ours_{task.step}"
     enhanced_views = write_enhanced_to(step_folder / "enhanced")
     write_sources(task.rendered, step_folder, enhancer.network.scale)

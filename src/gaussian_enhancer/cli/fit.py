@@ -41,12 +41,12 @@ def run(cfg: DictConfig) -> float | None:
     console = Console(stderr=True)
     if not job.done:
         stopwatch = Stopwatch(bool(cfg.profile))
-        started = None if holds_checkpoint(job.folder) else time.monotonic()
+        resumed, started = holds_checkpoint(job.folder), time.monotonic()
         with status.discard_if_refused(job.folder):
             gaussians = fit(
                 scene, method, job.folder, settings, device=device, progress=cfg.runtime.progress, stopwatch=stopwatch
             )
-        seconds = None if started is None else time.monotonic() - started
+        seconds = None if resumed else time.monotonic() - started
         write_fit_records(job, scene, method.name, settings.snapshot_steps(), seconds, len(gaussians))
         job.finish()
         if cfg.profile:

@@ -149,11 +149,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except InputError as error:
         _exit(2, str(error))
     except LostProcessError as error:
-        _exit(1, f"{error}; the same command goes on where it stopped")
+        _exit(1, f"{error}; {_continuation(words)}")
     except KeyboardInterrupt:
-        restarts = bool(words) and words[0] in RESTARTED
-        continuation = "begins anew" if restarts else "goes on where it stopped"
-        _exit(INTERRUPTED, f"stopped by Ctrl-C; the same command {continuation}")
+        _exit(INTERRUPTED, f"stopped by Ctrl-C; {_continuation(words)}")
+
+
+def _continuation(words: Sequence[str]) -> str:
+    """What the same command does after an interruption."""
+    restarts = bool(words) and words[0] in RESTARTED
+    return f"the same command {'begins anew' if restarts else 'goes on where it stopped'}"
 
 
 def _dispatch(words: Sequence[str]) -> None:

@@ -66,7 +66,7 @@ def run(cfg: DictConfig) -> None:
     ]
     if isinstance(gate, AdaptiveGate):
         console.print(gate.table(), highlight=False)
-    job = open_run(cfg, "simulate", photo.name)
+    job = open_run(cfg, "simulate", photo.name, reused=False)
     progress_hidden = hides_progress(cfg, console)
     samples, pictures = [], []
     generators = spawn(cfg.draws, torch.Generator().manual_seed(cfg.seed))

@@ -81,11 +81,9 @@ def _train(cfg: DictConfig, job: Run) -> float | None:
     module = EnhancerModule(_network(cfg), *module_parts, coarse=cfg.coarse, bad_share=_bad_share(cfg))
     trainer = make_trainer(cfg, job, "last")
     checkpoint = job.folder / "last.ckpt"
-    started = None if checkpoint.is_file() else time.time()
+    resumed, started = checkpoint.is_file(), time.time()
     with finish_wandb_run(trainer.loggers), raise_interrupt(trainer):
-        trainer.fit(
-            module, datamodule=data, ckpt_path=str(checkpoint) if checkpoint.is_file() else None, weights_only=True
-        )
+        trainer.fit(module, datamodule=data, ckpt_path=str(checkpoint) if resumed else None, weights_only=True)
         if trainer.interrupted or (trainer.global_step < cfg.trainer.max_steps and cfg.trainer.get("max_time") is None):
             print(f"stopped after {trainer.global_step} steps; the same command resumes")
             return None
@@ -100,7 +98,7 @@ def _train(cfg: DictConfig, job: Run) -> float | None:
         "reference_config": reference_config_of(reference_config),
         "parameters": count_parameters(module.network),
         "steps": trainer.global_step,
-        "minutes": None if started is None else round((time.time() - started) / 60, 1),  # unknown if resumed
+        "minutes": None if resumed else round((time.time() - started) / 60, 1),
         "simulated": float(cfg.data.simulation.share) if "simulation" in cfg.data else 0.0,
         "train": list(cfg.data.train),
         "samples": sum(len(source) for source in data.sources),

@@ -54,8 +54,8 @@ def run(cfg: DictConfig) -> float | None:
     samples = {"cache": str(Path(cfg.runs) / "samples"), "progress": cfg.runtime.progress}
     data = build(cfg.data, samples=samples)
     design: FactorDesign = build(cfg.design)
-    begun = any((job.folder / f"{step}{ending}").is_file() for step in STEPS for ending in (".ckpt", ".safetensors"))
-    started = None if begun else time.time()
+    resumed = any((job.folder / f"{step}{ending}").is_file() for step in STEPS for ending in (".ckpt", ".safetensors"))
+    started = time.time()
     validation = _train_steps(cfg, job, design, data)
     if validation is None:
         console.print("stopped; the same command resumes")
@@ -65,7 +65,7 @@ def run(cfg: DictConfig) -> float | None:
         **plain_values(cfg.card),
         "parameters": count_parameters(model),
         "steps": {step: int(cfg[step].steps) for step in STEPS},
-        "minutes": None if started is None else round((time.time() - started) / 60, 1),  # unknown if resumed
+        "minutes": None if resumed else round((time.time() - started) / 60, 1),
         "train": list(cfg.data.train),
         "samples": sum(len(source) for source in data.sources),
         "gate": plain_values(cfg.gate),

@@ -8,7 +8,7 @@ import torch
 from gaussian_enhancer.align.alignment import Reprojected
 from gaussian_enhancer.align.depth_search import SEARCHES, DepthKind
 from gaussian_enhancer.align.references import ReferenceConfig
-from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.plan import AUTO, Rules
 from gaussian_enhancer.infer.tiles import check_tiles
@@ -66,10 +66,7 @@ class EnhancementOptions:
         Raises:
             InputError: an option does not exist, or is out of range.
         """
-        names = [field.name for field in fields(cls)]
-        for name in options:
-            if name not in names:
-                raise InputError(name, "is no option of an enhancement", f"choose one of {', '.join(names)}")
+        refuse_unknown("options", options, [field.name for field in fields(cls)])
         return cls(**options)
 
     @property

@@ -14,7 +14,7 @@ from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.validated_inputs import ValidatedInputs, validate_inputs
 from gaussian_enhancer.infer.weights import Pretrained, load_weights
-from gaussian_enhancer.runs.inputs import Task, read_task
+from gaussian_enhancer.runs.inputs import Task, read_task, refuse_input_folder
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.recovered_geometry import RecoveryProgress, lacks_geometry, recover_geometry
 from gaussian_enhancer.runs.runtime import choose_device
@@ -51,10 +51,13 @@ def load_enhancement(cfg: DictConfig, device: torch.device) -> tuple[SetEnhancer
         The enhancer, the task, and the validated inputs.
 
     Raises:
-        InputError: the weights do not exist, the input cannot be read, or an option is out of range.
+        InputError: the weights do not exist, the input cannot be read, the output folder holds files of it, or an
+            option is out of range.
     """
     pretrained, options = load_weights(cfg.weights), options_of(cfg)
     task = read_task(cfg, device.type, pretrained.reference_config.fine)
+    if cfg.output:
+        refuse_input_folder(Path(cfg.output), task.rendered)
     if cfg.get("recover_geometry"):  # an option of the job enhance alone
         folder = Path(cfg.output or cfg.runs) / "geometry"
         task = recover_missing_geometry(task, pretrained, options, folder, cfg.runtime.progress)

@@ -42,11 +42,6 @@ class Run:
         """Whether the folder holds the completed result of this run."""
         return finished_digest(self.folder) == self.digest
 
-    def restart(self) -> None:
-        """Mark a finished run as running again, for a job that writes all of its results anew."""
-        (self.folder / "done").unlink(missing_ok=True)
-        status.mark_running(self.folder)
-
     def finish(self) -> None:
         """Mark the run as completed and unlock its folder. This is the last step of a job."""
         write_text(self.folder / "done", json.dumps({"digest": self.digest, "time": time.time()}) + "\n")
@@ -54,7 +49,7 @@ class Run:
         lock.release(self.folder)
 
 
-def open_run(cfg: DictConfig, job: str, label: str, locked: bool = True) -> Run:
+def open_run(cfg: DictConfig, job: str, label: str, locked: bool = True, reused: bool = True) -> Run:
     """Create or find the folder of a run and write its configuration. Unless the run is done, mark it as running.
 
     The folder is locked until the run is finished, or until `status.track_runs` ends.
@@ -64,6 +59,7 @@ def open_run(cfg: DictConfig, job: str, label: str, locked: bool = True) -> Run:
         job: name of the job and of the parent folder.
         label: readable part of the folder's name, for instance scene and splat.
         locked: lock the folder; False for processes that share a run whose folder the first process has locked.
+        reused: keep a finished run; False for a job that writes all results anew: until it ends, the run is not done.
 
     Raises:
         InputError: a value marked ``???`` was not given, the folder cannot be written, another process writes it, or it
@@ -81,7 +77,8 @@ def open_run(cfg: DictConfig, job: str, label: str, locked: bool = True) -> Run:
             lock.release(folder)
         raise
     write_text(folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create({"job": job, **values}), sort_keys=True))
-    if finished is None:
+    if finished is None or not reused:
+        (folder / "done").unlink(missing_ok=True)
         status.mark_running(folder)
     return Run(folder, digest)
 

@@ -13,7 +13,6 @@ from jaxtyping import Float
 from omegaconf import DictConfig, open_dict
 from torch import Tensor
 
-from gaussian_enhancer.checkpoint import find_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.path_references import PathReferences
@@ -284,9 +283,7 @@ def run_configuration(video: VideoTask) -> DictConfig:
     with open_dict(configuration):
         for name in (*PRESENTATION_KEYS, "input"):  # the input is identified by its content
             configuration.pop(name, None)
-        configuration.update(
-            {"output": None, "made_of": {**digests, "weights": file_digest(find_checkpoint(cfg.weights))}}
-        )
+        configuration.update({"output": None, "made_of": digests})
     return configuration
 
 

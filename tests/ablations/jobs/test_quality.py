@@ -1,5 +1,6 @@
 """The job ``quality`` on tiny runs: numbers from records, resumption, what is missing, aims that fail."""
 
+import dataclasses
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +17,7 @@ from gaussian_enhancer.cli import pipeline
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.metrics.pair import measure_pair
-from gaussian_enhancer.metrics.records import read_records
+from gaussian_enhancer.metrics.records import read_records, write_records
 from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.runs.instantiate import plain_values
 from gaussian_enhancer.runs.run import open_run
@@ -199,6 +200,17 @@ def test_the_page_can_be_written_again_from_the_records_alone(fits, configured, 
     started(configured("records_only=true", ours=ours))
     assert page_of(tmp_path) == page
     assert len(fits) == 2
+
+
+def test_one_scene_measured_again_leaves_the_records_of_the_others(fits, configured, tmp_path) -> None:
+    started(configured())
+    records = read_records(tmp_path / "q.jsonl")
+    other = dataclasses.replace(records[0], scene="outdoor")
+    write_records(tmp_path / "q.jsonl", [*records, other])
+    started(configured())
+    again = read_records(tmp_path / "q.jsonl")
+    assert other in again
+    assert len(again) == len(records) + 1
 
 
 @pytest.mark.parametrize(
