@@ -12,6 +12,8 @@ from torch import Tensor
 
 QUIET = 1 / 255
 """Root mean square gradient, per pixel, below which a neighbourhood's direction is not determined."""
+BINS = 64
+"""Number of bins of the histograms of coherence."""
 
 
 def coherence(image: Float[Tensor, "c h w"], sigma: float = 2.0) -> Float[Tensor, " n"]:
@@ -35,15 +37,13 @@ def coherence(image: Float[Tensor, "c h w"], sigma: float = 2.0) -> Float[Tensor
     return (directed[lively] / energy[lively]).clamp(0, 1)
 
 
-def coherence_histogram(images: Sequence[Float[Tensor, "c _ _"]], bins: int = 64) -> Float[Tensor, " k"]:
+def coherence_histogram(images: Sequence[Float[Tensor, "c _ _"]]) -> Float[Tensor, " k"]:
     """Share of the pixels of all images in each of equal bins of coherence from 0 to 1; all zero without gradients."""
-    count = torch.stack([torch.histc(coherence(image), bins, 0, 1).double() for image in images]).sum(dim=0)
+    count = torch.stack([torch.histc(coherence(image), BINS, 0, 1).double() for image in images]).sum(dim=0)
     return count / count.sum().clamp_min(1)
 
 
-def anisotropy_distance(
-    first: Sequence[Float[Tensor, "c _ _"]], second: Sequence[Float[Tensor, "c _ _"]], bins: int = 64
-) -> float:
+def anisotropy_distance(first: Sequence[Float[Tensor, "c _ _"]], second: Sequence[Float[Tensor, "c _ _"]]) -> float:
     """1-Wasserstein distance between two sets' distributions of coherence.
 
     The area between the cumulative histograms, in units of coherence: 0 for equal distributions, at most 1.
@@ -51,7 +51,6 @@ def anisotropy_distance(
     Args:
         first: images, of any sizes.
         second: other images, of any sizes.
-        bins: number of bins of the histograms.
     """
-    difference = coherence_histogram(first, bins) - coherence_histogram(second, bins)
-    return (difference.cumsum(dim=0).abs().sum() / bins).item()
+    difference = coherence_histogram(first) - coherence_histogram(second)
+    return (difference.cumsum(dim=0).abs().sum() / BINS).item()

@@ -13,6 +13,9 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 
+FLAT = 2.0
+"""Standard deviation of a photo's patch, in steps of 1/255, up to which the patch counts as plain background."""
+
 
 @dataclass(frozen=True)
 class RenderPair:
@@ -85,17 +88,17 @@ def eight_bit(image: Float[Tensor, "*batch h w"]) -> UInt8[Tensor, "*batch h w"]
 
 
 def patch_places(
-    photo: UInt8[Tensor, "3 h w"], size: int, count: int, generator: torch.Generator, flat: float = 2.0
+    photo: UInt8[Tensor, "3 h w"], size: int, count: int, generator: torch.Generator
 ) -> list[tuple[int, int]]:
     """Upper left corners of patches that do not overlap, on a grid of random phase, in random order.
+
+    Places that are plain background are left out.
 
     Args:
         photo: the photo.
         size: side of a patch in pixels.
         count: number of places at most.
         generator: source of randomness.
-        flat: standard deviation of the photo, in steps of 1/255, up to which a place counts as plain background and
-            is left out.
     """
     height, width = photo.shape[-2:]
     if min(height, width) < size:
@@ -104,7 +107,7 @@ def patch_places(
     grid = [(y, x) for y in range(top, height - size + 1, size) for x in range(left, width - size + 1, size)]
     order = torch.randperm(len(grid), generator=generator).tolist()
     shuffled = [grid[i] for i in order]
-    textured = [(y, x) for y, x in shuffled if _spread(photo[:, y : y + size, x : x + size]) > flat]
+    textured = [(y, x) for y, x in shuffled if _spread(photo[:, y : y + size, x : x + size]) > FLAT]
     return textured[:count]
 
 

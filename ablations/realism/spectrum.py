@@ -42,20 +42,17 @@ def radial_spectrum(image: Float[Tensor, "c h w"], rings: int = 16) -> Float[Ten
     return 10 * torch.log10(total / count + ROUNDING)
 
 
-def spectrum_distance(
-    first: Sequence[Float[Tensor, "c _ _"]], second: Sequence[Float[Tensor, "c _ _"]], rings: int = 16
-) -> float:
+def spectrum_distance(first: Sequence[Float[Tensor, "c _ _"]], second: Sequence[Float[Tensor, "c _ _"]]) -> float:
     """Mean over rings of the absolute difference, in dB, of two sets' mean radial spectra.
 
     Args:
         first: images, of any sizes.
         second: other images, of any sizes.
-        rings: number of rings of frequency.
 
     Returns:
         dB, 0 for sets of equal mean spectra.
     """
-    means = [torch.stack([radial_spectrum(image, rings) for image in images]).mean(dim=0) for images in (first, second)]
+    means = [torch.stack([radial_spectrum(image) for image in images]).mean(dim=0) for images in (first, second)]
     return (means[0] - means[1]).abs().mean().item()
 
 

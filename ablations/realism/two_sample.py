@@ -24,6 +24,9 @@ from torch.nn.utils import skip_init
 from ablations.realism.patches import Patches
 from gaussian_enhancer.errors import InputError
 
+RESAMPLES, LEVEL = 2000, 0.95
+"""Number of bootstrap samples, and nominal coverage of the interval."""
+
 
 @dataclass(frozen=True)
 class TwoSample:
@@ -129,11 +132,7 @@ def two_sample_test(
 
 
 def view_interval(
-    correct: Float[Tensor, " n"],
-    view: Int64[Tensor, " n"],
-    generator: torch.Generator,
-    resamples: int = 2000,
-    level: float = 0.95,
+    correct: Float[Tensor, " n"], view: Int64[Tensor, " n"], generator: torch.Generator
 ) -> tuple[float, float]:
     """BCa bootstrap interval (`scipy.stats.bootstrap`) of a mean over places, with whole views drawn again.
 
@@ -141,8 +140,6 @@ def view_interval(
         correct: the share of correct answers at each place.
         view: the view that each place belongs to.
         generator: source of randomness.
-        resamples: number of bootstrap samples.
-        level: nominal coverage of the interval.
 
     Returns:
         Lower and upper end; the mean itself where all views agree, or there is only one.
@@ -163,8 +160,8 @@ def view_interval(
         accuracy,
         paired=True,
         vectorized=True,
-        n_resamples=resamples,
-        confidence_level=level,
+        n_resamples=RESAMPLES,
+        confidence_level=LEVEL,
         method="BCa",
         rng=np.random.default_rng(seed),
     )

@@ -58,6 +58,8 @@ SEARCHED: tuple[tuple[str, str, DepthKind, bool, bool], ...] = (
 are asked to agree with each other."""
 FAR = 1e4
 """Distance that the sky, which has no depth, is given: this many times that of everything else."""
+SOFTNESS, PRIOR = 0.02, 0.5
+"""Of the residuals that are added: difference at which a reference's weight falls to 1/e, and weight of no change."""
 
 
 Depths = Mapping[str, Float[Tensor, "1 h w"]]
@@ -154,9 +156,7 @@ def preparations(config: ReferenceConfig, depths: Mapping[str, Depths]) -> dict[
     return configs
 
 
-def propagated(
-    render: Float[Tensor, "3 h w"], aligned: AlignedReferences, softness: float = 0.02, prior: float = 0.5
-) -> Float[Tensor, "3 h w"]:
+def propagated(render: Float[Tensor, "3 h w"], aligned: AlignedReferences) -> Float[Tensor, "3 h w"]:
     """Add the references' residuals to the render, each weighted by the agreement of the splat's two renders.
 
     Raises:
@@ -167,8 +167,8 @@ def propagated(
     visibility = aligned.visibility
     difference = (aligned.renders - render).abs().mean(1, keepdim=True)
     total, share = F.avg_pool2d(torch.cat([difference * visibility, visibility]), 5, 1, 2).chunk(2)
-    weight = visibility * torch.exp(-total / share.clamp_min(1e-6) / softness)
-    residual = (weight * (aligned.references - aligned.renders)).sum(0) / (weight.sum(0) + prior)
+    weight = visibility * torch.exp(-total / share.clamp_min(1e-6) / SOFTNESS)
+    residual = (weight * (aligned.references - aligned.renders)).sum(0) / (weight.sum(0) + PRIOR)
     return (render + residual).clamp(0, 1)
 
 

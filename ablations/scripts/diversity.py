@@ -21,18 +21,18 @@ from ablations.study.engine import Study, job
 from gaussian_enhancer.errors import InputError
 
 
-def same_views(pairs: list[RenderPair], minimum: int = 2) -> list[list[RenderPair]]:
-    """Pairs grouped by scene, view and size; groups of fewer than ``minimum`` have no spread and are left out.
+def same_views(pairs: list[RenderPair]) -> list[list[RenderPair]]:
+    """Pairs grouped by scene, view and size; groups of one have no spread and are left out.
 
     Raises:
-        InputError: no view has so many renders.
+        InputError: no view has two renders.
     """
     groups: dict[tuple[object, ...], list[RenderPair]] = defaultdict(list)
     for pair in pairs:
         groups[pair.scene, pair.view, *pair.photo.shape].append(pair)
-    kept = [group for group in groups.values() if len(group) >= minimum]
+    kept = [group for group in groups.values() if len(group) >= 2]
     if not kept:
-        raise InputError("runs", f"contain no view with {minimum} renders", "name several runs of one scene")
+        raise InputError("runs", "contain no view with 2 renders", "name several runs of one scene")
     return kept
 
 

@@ -27,6 +27,8 @@ from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.scene.renders import read_run, run_steps
 
 Images = list[Tensor]
+PHOTOS = 3
+"""Number of photos on which the artefact types' responses are measured."""
 
 
 def spread(views: Sequence[RenderedView], count: int) -> tuple[Images, Images]:
@@ -46,11 +48,11 @@ def measured(views: Sequence[RenderedView], count: int) -> Fingerprint:
     return measure_fingerprint(*spread(views, count))
 
 
-def calibrate(run: Path, folder: Path, count: int, photographs: int = 3) -> None:
+def calibrate(run: Path, folder: Path, count: int) -> None:
     """Write a gate for each snapshot of a run, calibrated on its held-out views."""
     for step in run_steps(run):
         targets = read_run(run, step).targets
-        photos = spread(targets, photographs)[1]
+        photos = spread(targets, PHOTOS)[1]
         generator = torch.Generator().manual_seed(0)
         # Held-out views are measured directly, so no correction is needed.
         gate = calibrate_gate(measured(targets, count), photos, generator, held_out={}, draws=1)

@@ -16,17 +16,14 @@ from gaussian_enhancer.scene.rendered import RenderedSet
 
 GENERIC = ("blur", "noise", "jpeg")
 """Degradations of general image restoration, without artefacts of splats; as in conf/gate/naive.yaml."""
+PHOTOS = 4
+"""Number of training photos on which the artefact types' responses are measured."""
 
 
 class AdaptedGates:
-    """Adaptive gates of splats, each calibrated once on the splat's training views, never on those held out.
+    """Adaptive gates of splats, each calibrated once on the splat's training views, never on those held out."""
 
-    Args:
-        photos: training photos on which the types' responses are measured.
-    """
-
-    def __init__(self, photos: int = 4) -> None:
-        self.photos = photos
+    def __init__(self) -> None:
         self.calibrated: list[tuple[RenderedSet, Gate]] = []
 
     def __call__(self, splat: RenderedSet) -> Gate:
@@ -34,7 +31,7 @@ class AdaptedGates:
         for calibrated_splat, gate in self.calibrated:
             if calibrated_splat is splat:
                 return gate
-        self.calibrated.append((splat, calibrate_on_splat(splat, torch.Generator().manual_seed(0), photos=self.photos)))
+        self.calibrated.append((splat, calibrate_on_splat(splat, torch.Generator().manual_seed(0), photos=PHOTOS)))
         return self.calibrated[-1][1]
 
 

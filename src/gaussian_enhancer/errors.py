@@ -4,6 +4,8 @@ from collections.abc import Iterable
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, by the convention of shells."""
+LONGEST = 600
+"""Maximum number of characters of a part of an error message."""
 
 
 class InputError(ValueError):
@@ -55,12 +57,12 @@ class LostProcessError(RuntimeError):
     """A worker process was killed. The command line reports it in one line with exit code 1."""
 
 
-def one_line(text: str, longest: int = 600) -> str:
-    """Escape line breaks and control characters, and cut out the middle of a text longer than ``longest``."""
+def one_line(text: str) -> str:
+    """Escape line breaks and control characters, and cut out the middle of a text longer than `LONGEST`."""
     escaped = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
-    if len(escaped) <= longest:
+    if len(escaped) <= LONGEST:
         return escaped
-    half = longest // 2
+    half = LONGEST // 2
     return f"{escaped[:half]} ... {escaped[-half:]}"
 
 

@@ -41,11 +41,11 @@ def visible_shares(aligned: AlignedReferences, alpha: Float[Tensor, "1 h w"] | N
     return dict(zip(aligned.names, shares, strict=True))
 
 
-def coarsen(pixels: LoadedView, edge: int = EDGE) -> LoadedView:
+def coarsen(pixels: LoadedView) -> LoadedView:
     """A view on a coarse grid. Colours are averaged; depth and opacity are sampled at pixels, so no surfaces mix."""
 
     def sized(image: Float[Tensor, "c _ _"], *, averaged: bool) -> Float[Tensor, "c _ _"]:
-        shrink = max(1.0, max(image.shape[-2:]) / edge)
+        shrink = max(1.0, max(image.shape[-2:]) / EDGE)
         size = [max(1, round(side / shrink)) for side in image.shape[-2:]]
         if averaged:
             return F.interpolate(image[None], size=size, mode="area")[0]

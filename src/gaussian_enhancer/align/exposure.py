@@ -14,45 +14,45 @@ from gaussian_enhancer.types import single_precision
 
 LEAST_MASS = 1e-3
 """Sum of the blocks' visibilities below which colours are not fitted; then the gain is 1 and the offset 0."""
+ROBUSTNESS = 0.05
+"""Residual, in colour units, at which a pixel's weight falls to 1/4."""
+ITERATIONS = 3
+"""Number of reweightings."""
 
 
 def fit_colour(
     source: Float[Tensor, "3 h w"],
     target: Float[Tensor, "3 h w"],
     weight: Float[Tensor, "1 h w"],
-    robustness: float = 0.05,
     prior: float = 0.02,
-    iterations: int = 3,
 ) -> Float[Tensor, "3 2"]:
     """Least-squares gain and offset per channel from one image to another.
 
     Minimises sum_i w_i rho(g s_i + o - t_i) + prior sum_i w_i ((g - 1)^2 / 4 + o^2) by iteratively reweighted least
-    squares with Geman-McClure weights, 1 / (1 + (r / robustness)^2)^2, so that misaligned and occluded pixels have
+    squares with Geman-McClure weights, 1 / (1 + (r / 0.05)^2)^2, so that misaligned and occluded pixels have
     little influence. Images are averaged over 4x4 blocks first, which tolerates small misalignment.
 
     Args:
         source: the reference's colours, [0, 1].
         target: the render's colours, [0, 1].
         weight: visibility in [0, 1]; if it is zero everywhere, the gain is 1 and the offset 0.
-        robustness: residual, in colour units, at which a pixel's weight falls to 1/4.
         prior: weight of the regularisation towards the identity, relative to the data.
-        iterations: number of reweightings.
 
     Returns:
         Gain and offset of each channel; gains lie in [1/3, 3].
     """
     step = min(4, *source.shape[-2:])
     if can_use_kernels(source, target, weight):
-        return _fit_compiled(source, target, weight, step, robustness, prior, iterations)
+        return _fit_compiled(source, target, weight, step, prior)
     mass = F.avg_pool2d(single_precision(weight), step).flatten(1).double()
     averaged = (F.avg_pool2d(single_precision(image) * weight, step).flatten(1).double() for image in (source, target))
     s, t = (image / mass.clamp_min(1e-6) for image in averaged)
     gain, offset = mass.new_ones(3, 1), mass.new_zeros(3, 1)
     if float(mass.sum()) < LEAST_MASS:
         return torch.cat([gain, offset], dim=1)
-    for _ in range(iterations):
+    for _ in range(ITERATIONS):
         residual = gain * s + offset - t
-        w = mass / (1 + (residual / robustness) ** 2) ** 2
+        w = mass / (1 + (residual / ROBUSTNESS) ** 2) ** 2
         prior_weight = prior * mass.sum()
         a, b, c = (w * s * s).sum(1) + prior_weight / 4, (w * s).sum(1), w.sum(1) + prior_weight
         u, v = (w * s * t).sum(1) + prior_weight / 4, (w * t).sum(1)
@@ -67,9 +67,7 @@ def _fit_compiled(
     target: Float[Tensor, "3 h w"],
     weight: Float[Tensor, "1 h w"],
     step: int,
-    robustness: float,
     prior: float,
-    iterations: int,
 ) -> Float[Tensor, "3 2"]:
     """Compiled version of `fit_colour`."""
     from gaussian_enhancer.align.exposure_kernels import block_means, fit_channels
@@ -81,7 +79,7 @@ def _fit_compiled(
     with kernel_lock:
         block_means(kernel_image(source), kernel_image(target), kernel_image(weight[0]), step, mass, means)
         if float(mass.sum(dtype=np.float64)) >= LEAST_MASS:
-            fit_channels(mass, means, robustness, prior, iterations, result.numpy())
+            fit_channels(mass, means, ROBUSTNESS, prior, ITERATIONS, result.numpy())
     return result
 
 
