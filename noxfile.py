@@ -33,11 +33,13 @@ def listed(option: str, values: Iterable[str]) -> str:
 def run_tests(session: nox.Session, *chosen: str) -> None:
     """Run pytest in up to four processes; all tests of a file run in the same process and share its fixtures.
 
-    If a process dies, the run ends and names the test: pytest-xdist can hang if it replaces the process.
+    If a process dies, the run ends and names the test: pytest-xdist can hang if it replaces the process. Idle OpenMP
+    threads sleep, as in the command line: threads that spin would slow the other processes down.
     """
     install(session, "test")
     processes = ("--numprocesses=logical", "--maxprocesses=4", "--dist=loadfile", "--max-worker-restart=0")
-    session.run("pytest", *processes, *chosen, *session.posargs)
+    waiting = {"OMP_WAIT_POLICY": "PASSIVE", "GOMP_SPINCOUNT": "10000"}
+    session.run("pytest", *processes, *chosen, *session.posargs, env=waiting)
 
 
 @nox.session

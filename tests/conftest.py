@@ -29,18 +29,27 @@ FLAGS = (
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
 
+WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+THREADS = max(1, (os.cpu_count() or 1) // WORKERS)
+"""Threads of each process that runs tests: processes beside each other share the cores."""
+
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Processes that run tests beside each other share the cores, and so do those that they start."""
-    count = os.environ.get("PYTEST_XDIST_WORKER_COUNT")
-    if count is not None:
-        share = max(1, (os.cpu_count() or 1) // int(count))
-        torch.set_num_threads(share)
-        os.environ.setdefault("OMP_NUM_THREADS", str(share))
-        os.environ.setdefault("NUMBA_NUM_THREADS", str(share))
+    """Processes that tests start share the cores, too."""
+    if WORKERS > 1:
+        os.environ.setdefault("OMP_NUM_THREADS", str(THREADS))
+        os.environ.setdefault("NUMBA_NUM_THREADS", str(THREADS))
         # Numba was imported before this. Without reloading, it would read the number only when it compiles: if kernels
         # from the cache have launched its threads by then, it refuses.
         numba.core.config.reload_config()
+
+
+@pytest.fixture(autouse=True)
+def torch_threads() -> Iterator[None]:
+    """Set torch's threads before and after each test: a job that a test starts in this process uses all cores."""
+    torch.set_num_threads(THREADS)
+    yield
+    torch.set_num_threads(THREADS)
 
 
 @pytest.fixture(scope="session")
