@@ -25,7 +25,7 @@ from gaussian_enhancer.infer.plan import ViewPlan
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.reference_cache import ReferenceFeatures
 from gaussian_enhancer.infer.regions import cut_pixels
-from gaussian_enhancer.infer.super_resolution import upsample_where_unseen
+from gaussian_enhancer.infer.super_resolution import limit_finer_scales
 from gaussian_enhancer.infer.temporal_smoothing import PreviousChange, smooth_change
 from gaussian_enhancer.infer.tiles import enhance_tiled
 from gaussian_enhancer.network.cascade import Cascade
@@ -86,7 +86,8 @@ class SetEnhancer:
         colour_clamping: side in pixels of a window; each enhanced pixel that a reference sees is clamped to the colours
             of the render and of the warped references in the window around it (`clamp_to_references`). 0 turns clamping
             off. This and the next two options have no effect if references are not warped. In super-resolution they
-            limit the change at the render's resolution and not that of the finer scales.
+            limit the change at the render's resolution; finer scales are clamped to the colours at the pixel itself
+            (`limit_finer_scales`) if clamping is on.
         colour_completion: where no reference is visible, replace the smooth part of the network's change by the one
             that visible pixels predict (`complete_change`).
         confidence: predicts the shares of the change to apply; None applies all of it.
@@ -306,7 +307,7 @@ class SetEnhancer:
         enhanced = self._run(cascade.first, dataclasses.replace(views, fine_references=None))
         limited = self._limit_change(enhanced, views)
         finer = self._run(cascade.second, dataclasses.replace(views, render=limited))
-        return upsample_where_unseen(finer, limited, views.visibility)
+        return limit_finer_scales(finer, limited, views, clamps=bool(self.colour_clamping))
 
     def _limit_change(self, enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Float[Tensor, "b 3 h w"]:
         """Limit the change to a render."""
