@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaussian_enhancer.splat.compiled import inner
+from gaussian_enhancer.compiled import inner
 from gaussian_enhancer.splat.lanes import (
     broadcast,
     exp2_of,

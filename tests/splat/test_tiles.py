@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaussian_enhancer.splat.compiled import TILE
+from gaussian_enhancer.splat.thresholds import TILE
 from gaussian_enhancer.splat.tiles import TileLists, bin_tiles, grid, sum_over_tiles
 
 

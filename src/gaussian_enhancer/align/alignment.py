@@ -293,7 +293,7 @@ def _fine_rows(
     """
     if can_use_kernels(samples.colour, samples.visibility, coarse):
         from gaussian_enhancer.align.reproject_kernels import finish_fine
-        from gaussian_enhancer.splat.compiled import kernel_lock
+        from gaussian_enhancer.compiled import kernel_lock
 
         inputs, result = (samples.colour, samples.visibility[0], transform, coarse), torch.empty_like(samples.colour)
         with kernel_lock:

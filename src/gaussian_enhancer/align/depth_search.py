@@ -205,7 +205,7 @@ def _search_compiled(
 ) -> Float[Tensor, "1 h w"]:
     """Compiled version of `search_torch`."""
     from gaussian_enhancer.align.depth_search_kernels import find_cost_minima, find_costs
-    from gaussian_enhancer.splat.compiled import kernel_lock
+    from gaussian_enhancer.compiled import kernel_lock
 
     steps = np.linspace(-1, 1, search.hypotheses, dtype=np.float32)
     multipliers = np.exp(steps * np.float32(math.log1p(search.span)))

@@ -88,7 +88,7 @@ def _fit_planes_compiled(
 ) -> Float[Tensor, "1 h w"]:
     """Compiled version of `fit_planes_torch`."""
     from gaussian_enhancer.align.depth_smoothing_kernels import fit_planes
-    from gaussian_enhancer.splat.compiled import kernel_lock
+    from gaussian_enhancer.compiled import kernel_lock
 
     height, width = (side - 2 * WINDOW_RADIUS * step for side in depth.shape[-2:])
     result = depth.new_empty(1, height, width)

@@ -8,7 +8,7 @@ from typing import no_type_check
 import numpy as np
 from numba import prange
 
-from gaussian_enhancer.splat.compiled import add_scaled, inner, kernel
+from gaussian_enhancer.compiled import add_scaled, inner, kernel
 
 _F = np.float32
 _ONE = _F(1)

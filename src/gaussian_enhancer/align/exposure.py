@@ -71,7 +71,7 @@ def _fit_compiled(
 ) -> Float[Tensor, "3 2"]:
     """Compiled version of `fit_colour`."""
     from gaussian_enhancer.align.exposure_kernels import block_means, fit_channels
-    from gaussian_enhancer.splat.compiled import kernel_lock
+    from gaussian_enhancer.compiled import kernel_lock
 
     blocks = (source.shape[-2] // step) * (source.shape[-1] // step)
     mass, means = np.empty(blocks, np.float32), np.empty((2, 3, blocks), np.float32)

@@ -8,7 +8,7 @@ from typing import no_type_check
 import numpy as np
 from numba import prange
 
-from gaussian_enhancer.splat.compiled import exact_inner, exact_kernel, inner, kernel
+from gaussian_enhancer.compiled import exact_inner, exact_kernel, inner, kernel
 
 _F = np.float32
 _ZERO, _FAINT = _F(0), _F(1e-6)

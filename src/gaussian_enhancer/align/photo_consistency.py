@@ -76,7 +76,7 @@ def photometric_difference(warped: Warped, image: Float[Tensor, "3 h w"]) -> Flo
 def _photometric_difference_compiled(warped: Warped, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 h w"]:
     """Compiled version of `photometric_difference`."""
     from gaussian_enhancer.align.reproject_kernels import window_difference
-    from gaussian_enhancer.splat.compiled import kernel_lock
+    from gaussian_enhancer.compiled import kernel_lock
 
     result = torch.empty_like(warped.visibility, memory_format=torch.contiguous_format)
     with kernel_lock:

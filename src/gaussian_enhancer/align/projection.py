@@ -101,7 +101,7 @@ def project_pixels(projection: ReferenceProjection, depth: Float[Tensor, "m h w"
         x, y, _, inside = _project_pixels(projection, depth)
         return ProjectedPixels(x, y, inside.to(depth.dtype))
     from gaussian_enhancer.align.reproject_kernels import project_pixels as kernel
-    from gaussian_enhancer.splat.compiled import kernel_lock
+    from gaussian_enhancer.compiled import kernel_lock
 
     x, y, inside = (torch.empty_like(depth, memory_format=torch.contiguous_format) for _ in range(3))
     with kernel_lock:
@@ -132,7 +132,7 @@ def depth_consistency(
         difference = (z - sampled_depth) / (tolerance * z.clamp_min(torch.finfo(z.dtype).tiny))
         return torch.where(sampled_depth > 0, torch.exp(-0.5 * difference**2), 1.0)
     from gaussian_enhancer.align.reproject_kernels import depth_agreement
-    from gaussian_enhancer.splat.compiled import kernel_lock
+    from gaussian_enhancer.compiled import kernel_lock
 
     result = torch.empty_like(depth, memory_format=torch.contiguous_format)
     with kernel_lock:
@@ -160,7 +160,7 @@ def sample_projected_pair(
         options = projected, size, where, interpolation
         return sample_projected(first, *options), sample_projected(second, *options)
     from gaussian_enhancer.align.reproject_kernels import sample_bicubic_pair
-    from gaussian_enhancer.splat.compiled import kernel_lock
+    from gaussian_enhancer.compiled import kernel_lock
 
     down, across = np.float32(first.shape[-2] / size[0]), np.float32(first.shape[-1] / size[1])
     samples = first.new_empty(2, len(first), *where.shape[-2:])
@@ -197,7 +197,7 @@ def sample_projected(
         samples = sample_image(values, projected.x * across, projected.y * down, interpolation)[0]
         return (samples if interpolation == "bilinear" else samples.clamp(0, 1)) * (where > 0)
     from gaussian_enhancer.align.reproject_kernels import sample_bicubic, sample_bilinear
-    from gaussian_enhancer.splat.compiled import kernel_lock
+    from gaussian_enhancer.compiled import kernel_lock
 
     result = where.new_empty(len(image), *where.shape[-2:])
     positions = kernel_image(projected.x[0]), kernel_image(projected.y[0]), np.float32(across), np.float32(down)

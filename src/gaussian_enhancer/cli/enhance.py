@@ -14,7 +14,6 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import EnhancedView
 from gaussian_enhancer.infer.plan import Plan
 from gaussian_enhancer.infer.preload import validation_reads
-from gaussian_enhancer.infer.time_budget import apply_budget
 from gaussian_enhancer.metrics.records import write_records
 from gaussian_enhancer.runs.compose import compose_job
 from gaussian_enhancer.runs.enhancement import effective_options, load_enhancement, lost_references, process_count
@@ -22,6 +21,7 @@ from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.output import cost_records, write_enhanced, write_sources
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.runs.time_budget import apply_budget
 
 
 def output_path(cfg: DictConfig) -> Path | None:

@@ -11,10 +11,10 @@ from torch import Tensor
 
 from gaussian_enhancer.console import hides_progress, print_line, progress_bar
 from gaussian_enhancer.errors import INTERRUPTED
-from gaussian_enhancer.infer.time_budget import apply_budget
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.runs.time_budget import apply_budget
 from gaussian_enhancer.runs.video import (
     CameraPath,
     VideoOutput,

@@ -119,8 +119,8 @@ def apply_shares_compiled(
     enhanced: Float[Tensor, "b 3 h w"], render: Float[Tensor, "b 3 h w"], shares: Float[Tensor, "b k i j"]
 ) -> Float[Tensor, "b 3 h w"]:
     """Compiled version of `apply_shares_torch`."""
+    from gaussian_enhancer.compiled import kernel_lock
     from gaussian_enhancer.infer.change_confidence_kernels import apply_shares
-    from gaussian_enhancer.splat.compiled import kernel_lock
 
     result = torch.empty_like(render, memory_format=torch.contiguous_format)
     with kernel_lock:
@@ -192,8 +192,8 @@ def block_products(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> P
 
 def products_compiled(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Products:
     """Compiled version of `block_products`."""
+    from gaussian_enhancer.compiled import kernel_lock
     from gaussian_enhancer.infer.change_confidence_kernels import block_products as kernel
-    from gaussian_enhancer.splat.compiled import kernel_lock
 
     batch, count, _, height, width = views.references.shape
     vectors, size = 2 + 3 * count, (-(-height // BLOCK), -(-width // BLOCK))

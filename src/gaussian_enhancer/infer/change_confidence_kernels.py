@@ -8,8 +8,8 @@ from typing import no_type_check
 import numpy as np
 from numba import prange
 
+from gaussian_enhancer.compiled import inner, kernel
 from gaussian_enhancer.infer.colour_completion_kernels import cells_along, cells_around, interpolate_cells
-from gaussian_enhancer.splat.compiled import inner, kernel
 
 _F = np.float32
 _ZERO, _ONE, _THREE = _F(0), _F(1), _F(3)

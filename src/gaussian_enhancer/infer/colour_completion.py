@@ -99,8 +99,8 @@ def complete_compiled(
     model: Float[Tensor, "b 13 i j"],
 ) -> Float[Tensor, "b 3 h w"]:
     """Compute `complete_torch` by the compiled kernel."""
+    from gaussian_enhancer.compiled import kernel_lock
     from gaussian_enhancer.infer.colour_completion_kernels import complete
-    from gaussian_enhancer.splat.compiled import kernel_lock
 
     result = torch.empty_like(enhanced, memory_format=torch.contiguous_format)
     with kernel_lock:

@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.splat.compiled import kernel_lock
+from gaussian_enhancer.compiled import kernel_lock
 
 __all__ = ["can_fuse", "can_use_kernels", "empty_features", "kernel_lock", "kernel_words", "plane"]
 

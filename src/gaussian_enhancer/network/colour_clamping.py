@@ -66,8 +66,8 @@ def clamp_compiled(
     image: Float[Tensor, "b 3 h w"], views: NetworkInput, reach: int, clamp_unseen: bool = False
 ) -> Float[Tensor, "b 3 h w"]:
     """Compiled version of `clamp_torch`."""
+    from gaussian_enhancer.compiled import kernel_lock
     from gaussian_enhancer.network.colour_clamping_kernels import clamp
-    from gaussian_enhancer.splat.compiled import kernel_lock
 
     limited = torch.empty_like(image, memory_format=torch.contiguous_format)
     with kernel_lock:

@@ -10,8 +10,8 @@ from typing import no_type_check
 import numpy as np
 from numba import prange
 
+from gaussian_enhancer.compiled import add_scaled, inner, kernel
 from gaussian_enhancer.network.bfloat16_kernels import double_row, to_bfloat16
-from gaussian_enhancer.splat.compiled import add_scaled, inner, kernel
 
 _F = np.float32
 _ZERO, _ONE, _HALF, _LEAST = _F(0), _F(1), _F(0.5), _F(1e-6)

@@ -47,8 +47,8 @@ def to_bytes(image: Float[Tensor, "c h w"]) -> UInt8[np.ndarray, "h w c"]:
     """
     if image.device.type != "cpu" or image.dtype != torch.float32:
         return np.ascontiguousarray((image.clamp(0, 1) * 255).round().byte().permute(1, 2, 0).cpu().numpy())
+    from gaussian_enhancer.compiled import kernel_lock
     from gaussian_enhancer.scene.image_kernels import quantise
-    from gaussian_enhancer.splat.compiled import kernel_lock
 
     channels, height, width = image.shape
     pixels = np.empty((height, width, channels), np.uint8)

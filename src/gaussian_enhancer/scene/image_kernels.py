@@ -8,7 +8,7 @@ from typing import no_type_check
 import numpy as np
 from numba import prange
 
-from gaussian_enhancer.splat.compiled import inner, kernel
+from gaussian_enhancer.compiled import inner, kernel
 
 _F = np.float32
 _ZERO, _ONE, _LEVELS = _F(0), _F(1), _F(255)

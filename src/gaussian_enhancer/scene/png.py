@@ -33,8 +33,8 @@ def encode_png(image: UInt8[np.ndarray, "h w 3"]) -> bytes:
     Args:
         image: sRGB colours.
     """
+    from gaussian_enhancer.compiled import kernel_lock
     from gaussian_enhancer.scene.image_kernels import filter_rows
-    from gaussian_enhancer.splat.compiled import kernel_lock
 
     height, width, channels = image.shape
     rows = np.empty((height, 1 + channels * width), np.uint8)

@@ -26,8 +26,9 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64
 from numba import prange
 
-from gaussian_enhancer.splat.compiled import ALPHA_MIN, inner, kernel, kernel_lock
+from gaussian_enhancer.compiled import inner, kernel, kernel_lock
 from gaussian_enhancer.splat.ewa import Shape, ShapeGradient, View, camera_point, rotation_backward, rotation_of
+from gaussian_enhancer.splat.thresholds import ALPHA_MIN
 
 _IN_FRONT = 1e-4  # of 1 - r^2 |w|^2; below it the support reaches the camera plane and may cover any pixel
 _FINITE = 1e300

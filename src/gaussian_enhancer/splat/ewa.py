@@ -21,7 +21,8 @@ import numpy as np
 from jaxtyping import Float32, Float64
 from numba import prange
 
-from gaussian_enhancer.splat.compiled import ALPHA_MIN, inner, kernel, kernel_lock
+from gaussian_enhancer.compiled import inner, kernel, kernel_lock
+from gaussian_enhancer.splat.thresholds import ALPHA_MIN
 from gaussian_enhancer.types import Camera
 
 _LARGEST = 1e100  # of |x| + |y| + det; beyond it a Gaussian counts as not finite

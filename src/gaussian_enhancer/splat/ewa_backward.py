@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64
 from numba import prange
 
-from gaussian_enhancer.splat.compiled import inner, kernel, kernel_lock
+from gaussian_enhancer.compiled import inner, kernel, kernel_lock
 from gaussian_enhancer.splat.ewa import (
     Shape,
     ShapeGradient,

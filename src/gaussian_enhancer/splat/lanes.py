@@ -14,7 +14,7 @@ from numba.core import cgutils
 from numba.core.datamodel.models import PrimitiveModel
 from numba.extending import intrinsic, overload, register_model
 
-from gaussian_enhancer.splat.compiled import inner
+from gaussian_enhancer.compiled import inner
 
 COUNT = 16
 _FLOATS = ir.VectorType(ir.FloatType(), COUNT)

@@ -6,7 +6,8 @@ transmittance T, which is negative for pixels that have stopped and for pixels o
 
 import numpy as np
 
-from gaussian_enhancer.splat.compiled import ALPHA_MAX, ALPHA_MIN, MIN_DEPTH_ALPHA, TILE, TRANSMITTANCE_MIN, inner
+from gaussian_enhancer.compiled import inner
+from gaussian_enhancer.splat.thresholds import ALPHA_MAX, ALPHA_MIN, MIN_DEPTH_ALPHA, TILE, TRANSMITTANCE_MIN
 
 PIXELS = TILE * TILE
 CHECK_INTERVAL = 8

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int32
 from numba import get_num_threads, prange
 
-from gaussian_enhancer.splat.compiled import TILE, inner, kernel, kernel_lock
+from gaussian_enhancer.compiled import inner, kernel, kernel_lock
 from gaussian_enhancer.splat.lanes import (
     broadcast,
     exp2_of,
@@ -49,6 +49,7 @@ from gaussian_enhancer.splat.planes import (
     reset_tile,
     scratch,
 )
+from gaussian_enhancer.splat.thresholds import TILE
 from gaussian_enhancer.splat.tiles import TileLists
 
 GRADIENT_COLUMNS = 16

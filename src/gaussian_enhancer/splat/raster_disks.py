@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int32
 from numba import get_num_threads, prange
 
-from gaussian_enhancer.splat.compiled import TILE, exp2_nonpositive, inner, kernel, kernel_lock
+from gaussian_enhancer.compiled import exp2_nonpositive, inner, kernel, kernel_lock
 from gaussian_enhancer.splat.planes import (
     CHECK_INTERVAL,
     HALF,
@@ -47,6 +47,7 @@ from gaussian_enhancer.splat.planes import (
     is_opaque,
     reset_tile,
 )
+from gaussian_enhancer.splat.thresholds import TILE
 from gaussian_enhancer.splat.tiles import TileLists
 
 GRADIENT_COLUMNS = 20

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64
 from numba import get_num_threads, prange
 
-from gaussian_enhancer.splat.compiled import inner, kernel, kernel_lock
+from gaussian_enhancer.compiled import inner, kernel, kernel_lock
 
 _ZERO = np.float32(0.0)
 _Y0 = 0.28209479177387814

@@ -23,7 +23,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32, Int64, UInt8
 from numba import get_num_threads, prange
 
-from gaussian_enhancer.splat.compiled import TILE, inner, kernel, kernel_lock
+from gaussian_enhancer.compiled import inner, kernel, kernel_lock
+from gaussian_enhancer.splat.thresholds import TILE
 
 _SLACK = 1e-3  # pixels; rounding can only enlarge a footprint, never shrink it
 _LARGEST = 1e100  # pixels; a larger footprint counts as not finite

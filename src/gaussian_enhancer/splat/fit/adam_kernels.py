@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float32
 from numba import get_num_threads, prange
 
-from gaussian_enhancer.splat.compiled import inner, kernel, kernel_lock
+from gaussian_enhancer.compiled import inner, kernel, kernel_lock
 from gaussian_enhancer.splat.fit.adam import BETAS, EPSILON
 
 _F = np.float32

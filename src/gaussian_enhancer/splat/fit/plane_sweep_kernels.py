@@ -9,7 +9,7 @@ from typing import no_type_check
 import numpy as np
 from numba import prange
 
-from gaussian_enhancer.splat.compiled import exact_inner, exact_kernel
+from gaussian_enhancer.compiled import exact_inner, exact_kernel
 
 OUTSIDE_COST = np.float32(0.5)
 """Cost of a pixel outside a neighbour's image: that of a bad match, so that visible depths are preferred."""

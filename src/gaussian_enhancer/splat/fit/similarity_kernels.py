@@ -9,7 +9,7 @@ from typing import no_type_check
 import numpy as np
 from numba import prange
 
-from gaussian_enhancer.splat.compiled import inner, kernel
+from gaussian_enhancer.compiled import inner, kernel
 from gaussian_enhancer.ssim import C1, C2, RADIUS, SIGMA
 
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from gaussian_enhancer.cli import enhance
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer import time_budget as budget
 from gaussian_enhancer.infer.presets import Preset, choose_preset, read_presets, write_presets
+from gaussian_enhancer.runs import time_budget as budget
 from support import paths
 
 CONF = paths.CONF

@@ -1,4 +1,4 @@
-"""Compilation settings of the CPU kernels, their common thresholds, and the inner loops that several of them share.
+"""Compilation settings of the CPU kernels, and the inner loops that several of them share.
 
 Kernels are Numba functions on C-contiguous NumPy arrays. ``cache=True`` writes the machine code beside the source,
 or into the user's cache folder where the package is installed read-only (``NUMBA_CACHE_DIR`` names another place). A
@@ -18,18 +18,6 @@ from typing import Any, no_type_check
 import numpy as np
 from numba import njit
 from numba.core.event import Event, Listener, register
-
-ALPHA_MIN = 1.0 / 255.0
-"""A Gaussian is skipped at pixels where its alpha is below this."""
-ALPHA_MAX = 0.99
-"""Upper limit of alpha, so that transmittance never reaches zero."""
-TRANSMITTANCE_MIN = 1e-4 * (1 - 1e-4)
-"""A pixel stops before the Gaussian that would bring its transmittance below this: 1e-4 with a margin for rounding. Two
-Gaussians at the upper limit of alpha leave (1 - 0.99)^2 = 1e-4 exactly, which must not stop a pixel only in float32."""
-MIN_DEPTH_ALPHA = 1e-3
-"""A pixel with less accumulated alpha than this has no depth: its depth is 0."""
-TILE = 16
-"""Side of a tile in pixels: the number of float32 values in an AVX-512 register."""
 
 _OPTIONS: dict[str, Any] = {
     "fastmath": {"contract", "reassoc", "nsz", "arcp", "afn"},
