@@ -35,7 +35,7 @@ from ablations.benchmarks.peer_networks import (
     work,
     yardsticks,
 )
-from ablations.benchmarks.pipeline_parts import READ, Stopwatch, clocked_parts, write_clocked
+from ablations.benchmarks.pipeline_parts import READ, PartTimer, clocked_parts, write_clocked
 from ablations.benchmarks.synthetic_views import read_views, synthetic_views, write_views
 from ablations.benchmarks.trials import trials
 from ablations.report.performance import (
@@ -48,7 +48,7 @@ from ablations.report.performance import (
     PIPELINE,
     TRIED,
     YARDSTICK,
-    Sources,
+    RecordSources,
     performance_page,
     performance_plot,
 )
@@ -116,10 +116,10 @@ def reported(cfg: DictConfig, console: Console) -> None:
         InputError: a file cannot be read or written.
     """
     page, drawing = Path(cfg.page), Path(cfg.records).with_suffix(".svg")
-    records = {name: read_records(file) if (file := Path(cfg[name])).is_file() else () for name in Sources.FILES}
-    sources = Sources(**records)
+    records = {name: read_records(file) if (file := Path(cfg[name])).is_file() else () for name in RecordSources.FILES}
+    sources = RecordSources(**records)
     write_text(drawing, performance_plot(sources))
-    write_text(page, performance_page(sources, {name: Path(cfg[name]) for name in Sources.FILES}, drawing, page))
+    write_text(page, performance_page(sources, {name: Path(cfg[name]) for name in RecordSources.FILES}, drawing, page))
     print_line(console, f"{page}, {drawing}")
 
 
@@ -221,7 +221,7 @@ def _peak(cfg: DictConfig, call: NetworkCall, views: Views) -> float:
 
 def pipeline_records(cfg: DictConfig, device: torch.device, views: Views, folder: Path) -> Iterator[Record]:
     """The pipeline from files to a file, part by part, for all weights at all sizes."""
-    stopwatch, calls, cases = Stopwatch(device), {}, {}
+    stopwatch, calls, cases = PartTimer(device), {}, {}
     for name, sizes in cfg.pipeline.items():
         peer = built(cfg, name, device)
         for width, height in (map(int, size.split("x")) for size in sizes):
@@ -295,7 +295,7 @@ def _process(command: list[str]) -> None:
         raise InputError(" ".join(command[1:]), f"fails ({last_line})", "try it by itself")
 
 
-def _to_file(name: str, enhance: Call, stopwatch: Stopwatch, path: Path) -> None:
+def _to_file(name: str, enhance: Call, stopwatch: PartTimer, path: Path) -> None:
     with stopwatch.lap(name):
         write_clocked(enhance(), path)
 

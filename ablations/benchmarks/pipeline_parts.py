@@ -47,7 +47,7 @@ READ = "read"
 """The part that is left out of the time from decoded images on."""
 
 
-class Stopwatch:
+class PartTimer:
     """Milliseconds by part, lap by lap.
 
     Args:
@@ -103,7 +103,7 @@ class Stopwatch:
 
 
 @contextmanager
-def clocked_parts(stopwatch: Stopwatch) -> Iterator[None]:
+def clocked_parts(stopwatch: PartTimer) -> Iterator[None]:
     """Time the functions of `PARTS` by a stopwatch until the block ends."""
     with ExitStack() as stack:
         for part, places in PARTS.items():

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from ablations.report.quality import QualityTable, quality_page
 from ablations.study.aims import Aims
-from ablations.study.description import Method, SceneGroup, TableDescription
+from ablations.study.description import MethodDescription, SceneGroup, TableDescription
 from ablations.study.engine import Study, job
 from ablations.study.results import Results
 from ablations.study.sections import relative_link
@@ -131,10 +131,10 @@ def _table(cfg: DictConfig, name: str, records: Sequence[Record]) -> QualityTabl
     return QualityTable(Results(study, table_records), Aims(gains, tuple(table.ahead), _numbers(table.allowed)))
 
 
-def _method(name: str, choice: DictConfig) -> Method:
+def _method(name: str, choice: DictConfig) -> MethodDescription:
     train, enhance = (tuple(map(str, choice.get(key) or ())) for key in ("train", "enhance"))
     about, weights, role = (str(choice.get(key) or "") for key in ("about", "weights", "role"))
-    return Method(name, about, train, weights, enhance, role=role)
+    return MethodDescription(name, about, train, weights, enhance, role=role)
 
 
 def _numbers(values: Mapping[str, float]) -> dict[str, float]:

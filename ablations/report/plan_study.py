@@ -10,7 +10,7 @@ from pathlib import Path
 import pandas as pd
 
 from ablations.study.aims import VERDICTS, improvement_sign, ranked_losses
-from ablations.study.description import Method, SceneGroup, TableDescription
+from ablations.study.description import MethodDescription, SceneGroup, TableDescription
 from ablations.study.markdown import frame, markdown
 from ablations.study.plots import bar_panels
 from ablations.study.results import Results
@@ -106,7 +106,7 @@ class PlanScenes:
     def results(self) -> Results:
         """The records of single views, with plans as methods."""
         views = [record for record in self.records if record.kind == "quality"]
-        plans = {record.variant: Method(record.variant) for record in self.records}
+        plans = {record.variant: MethodDescription(record.variant) for record in self.records}
         scenes = {"scenes": SceneGroup("", tuple(dict.fromkeys(record.scene for record in self.records)))}
         return Results(
             TableDescription("plan_study", "", "quality", "", plans, self.aims.baseline, METRICS, (), scenes, ()), views

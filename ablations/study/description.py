@@ -26,7 +26,7 @@ FAITHFUL = "paper_"
 
 
 @dataclass(frozen=True)
-class Method:
+class MethodDescription:
     """One method of a table.
 
     Args:
@@ -95,7 +95,7 @@ class TableDescription:
     title: str
     kind: Kind
     about: str
-    methods: Mapping[str, Method]
+    methods: Mapping[str, MethodDescription]
     baseline: str
     metrics: tuple[str, ...]
     splats: tuple[str, ...]
@@ -147,7 +147,7 @@ def parse_description(values: Mapping[str, Any]) -> TableDescription:
         TypeError: a field is missing or unknown.
         ValueError: a value is out of range.
     """
-    methods = {str(name): Method(**_tuples(method)) for name, method in values["methods"].items()}
+    methods = {str(name): MethodDescription(**_tuples(method)) for name, method in values["methods"].items()}
     datasets = {str(name): SceneGroup(**_tuples(dataset)) for name, dataset in values["datasets"].items()}
     paper = {
         str(block): {

@@ -44,7 +44,7 @@ class MethodResult:
 
 
 @dataclass(frozen=True)
-class EnhancedView:
+class ComparedView:
     """A held-out view with the results of several methods.
 
     Args:
@@ -73,7 +73,7 @@ def enhanced_views(
     enhancers: Mapping[str, SetEnhancer | ViewMethod],
     distances: Sequence[PerceptualDistance] = (),
     every: int = 1,
-) -> Iterator[EnhancedView]:
+) -> Iterator[ComparedView]:
     """Enhance and measure the targets of a set. Methods with equal reference configurations share aligned references.
 
     Args:
@@ -104,4 +104,4 @@ def enhanced_views(
                 aligned_by_config.append((config, aligned))
             image = enhancer.enhance(build_network_input(target, aligned))[0]
             results[name] = MethodResult(image, aligned, measure_pair(image, photo, distances))
-        yield EnhancedView(view, target.image, photo, measure_pair(target.image, photo, distances), results)
+        yield ComparedView(view, target.image, photo, measure_pair(target.image, photo, distances), results)

@@ -12,7 +12,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from ablations.study.description import FAITHFUL, Method, SceneGroup, TableDescription
+from ablations.study.description import FAITHFUL, MethodDescription, SceneGroup, TableDescription
 from ablations.suite.evaluation import StudyCell
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import plain_values
@@ -179,14 +179,14 @@ def _papers_tables(path: Path) -> dict[str, Any]:
     return plain_values(OmegaConf.load(path))  # type: ignore[arg-type]
 
 
-def _method(values: Mapping[str, Any], recipe: Sequence[str], common: Sequence[str]) -> Method:
+def _method(values: Mapping[str, Any], recipe: Sequence[str], common: Sequence[str]) -> MethodDescription:
     """A method. Its training overrides are the scale's, those common to the study's methods, and its own.
 
     A method without training overrides of its own is not trained.
     """
     method_overrides = tuple(values.get("train", ()))
     train = (*recipe, *common, *method_overrides) if method_overrides else ()
-    return Method(**{**values, "train": train, "enhance": tuple(values.get("enhance", ()))})
+    return MethodDescription(**{**values, "train": train, "enhance": tuple(values.get("enhance", ()))})
 
 
 def _datasets(study: Mapping[str, Any], scale: DictConfig) -> dict[str, SceneGroup]:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from omegaconf import DictConfig, open_dict
 from torch import Tensor
 
-from ablations.study.description import Method, TableDescription
+from ablations.study.description import MethodDescription, TableDescription
 from ablations.suite.descriptions import Experiment
 from ablations.suite.evaluation import compose_checked
 from ablations.suite.method_runs import Runs
@@ -111,7 +111,7 @@ class SettingLoader:
 def _training(cfg: DictConfig, setting: Setting) -> Experiment:
     """An experiment with one trained method, so that its training has the digest that the suite uses."""
     train = (*cfg.scale.trainings[setting.learns].train, *setting.train)
-    methods = {setting.name: Method(title=setting.name, about="", role="", train=train)}
+    methods = {setting.name: MethodDescription(title=setting.name, about="", role="", train=train)}
     table = TableDescription(
         "tradeoff", "", "quality", "", methods, setting.name, (), (), {}, tuple(cfg.scale.seeds[:1]), {}, False, ""
     )

@@ -19,7 +19,7 @@ from ablations.benchmarks.peer_networks import (
     work,
     yardsticks,
 )
-from ablations.benchmarks.pipeline_parts import PARTS, READ, REST, Stopwatch, clocked_parts, write_clocked
+from ablations.benchmarks.pipeline_parts import PARTS, READ, REST, PartTimer, clocked_parts, write_clocked
 from ablations.benchmarks.synthetic_views import read_views, synthetic_views, write_views
 from ablations.benchmarks.trials import trials
 from ablations.report.performance import (
@@ -32,7 +32,7 @@ from ablations.report.performance import (
     TARGETS,
     TRIED,
     YARDSTICK,
-    Sources,
+    RecordSources,
     Target,
     gains,
     performance_page,
@@ -139,7 +139,7 @@ def test_every_network_of_ours_is_built_and_computes() -> None:
 
 @pytest.mark.parametrize("name", ["lr_tiny", "sr_tiny"])
 def test_clocks_change_no_image_and_parts_add_up_to_the_whole(tmp_path, name: str) -> None:
-    views, peer, stopwatch = plane(64, 96, 4 if name == "sr_tiny" else 1), of_weights(name), Stopwatch(CPU)
+    views, peer, stopwatch = plane(64, 96, 4 if name == "sr_tiny" else 1), of_weights(name), PartTimer(CPU)
     enhance = enhancement(peer, "float32", views, CPU)
     with clocked_parts(stopwatch), stopwatch.lap("view"):
         began = time.perf_counter()
@@ -167,7 +167,7 @@ def test_clocks_change_no_image_and_parts_add_up_to_the_whole(tmp_path, name: st
 
 def test_a_part_within_a_part_is_its_own(monkeypatch) -> None:
     now = iter(range(100))
-    stopwatch = Stopwatch(CPU)
+    stopwatch = PartTimer(CPU)
     monkeypatch.setattr(stopwatch, "_now", lambda: next(now))
     inner = stopwatch.around("network", lambda: None)
     outer = stopwatch.around("plan", lambda: (inner(), inner()))
@@ -180,7 +180,7 @@ def test_a_part_within_a_part_is_its_own(monkeypatch) -> None:
 def test_a_graphics_card_is_waited_for_at_both_ends(monkeypatch) -> None:
     waited: list[object] = []
     monkeypatch.setattr(torch.cuda, "synchronize", waited.append)
-    stopwatch = Stopwatch(torch.device("cuda"))
+    stopwatch = PartTimer(torch.device("cuda"))
     with stopwatch.lap("a"):
         stopwatch.around("network", lambda: None)()
     assert len(waited) == 4
@@ -245,8 +245,8 @@ def test_the_page_states_verdicts_bounds_and_what_is_missing(tmp_path) -> None:
         "before": 10.0, "after": 5.0, "times": 2.0, "times_low": 1.9, "times_high": 2.1,
     })  # fmt: skip
     shipped, trained = quality(raw=20.0, lr_tiny=21.5), quality(raw=20.0, nafnet=20.5, lr_2500=21.0)
-    sources = Sources((*some_records(), tried), shipped, trained)
-    files = {name: tmp_path / f"results/{name}.jsonl" for name in Sources.FILES}
+    sources = RecordSources((*some_records(), tried), shipped, trained)
+    files = {name: tmp_path / f"results/{name}.jsonl" for name in RecordSources.FILES}
     page = performance_page(sources, files, tmp_path / "results/peers.svg", tmp_path / "page.md")
     lines = lines_of(page)
     assert lines["`lr_tiny` at 1008x756, decoded images to a file"] == [
@@ -271,32 +271,34 @@ def test_the_page_states_verdicts_bounds_and_what_is_missing(tmp_path) -> None:
 
 
 def test_a_page_without_records_says_so_everywhere(tmp_path) -> None:
-    files = {name: tmp_path / f"{name}.jsonl" for name in Sources.FILES}
-    page = performance_page(Sources(), files, tmp_path / "a.svg", tmp_path / "page.md")
-    assert all(target.line(Sources())[2] == "not measured" for target in TARGETS)
+    files = {name: tmp_path / f"{name}.jsonl" for name in RecordSources.FILES}
+    page = performance_page(RecordSources(), files, tmp_path / "a.svg", tmp_path / "page.md")
+    assert all(target.line(RecordSources())[2] == "not measured" for target in TARGETS)
     assert page.count("Not measured yet") == 6
-    assert "nothing was measured" in performance_plot(Sources())
+    assert "nothing was measured" in performance_plot(RecordSources())
 
 
 def test_a_card_is_named_where_one_was_measured(tmp_path) -> None:
     records = tuple(replace(one, protocol="GPU: medians", machine="a card") for one in some_records())
-    files = {name: tmp_path / f"{name}.jsonl" for name in Sources.FILES}
-    assert "Measured on a card." in performance_page(Sources(records), files, tmp_path / "a.svg", tmp_path / "page.md")
+    files = {name: tmp_path / f"{name}.jsonl" for name in RecordSources.FILES}
+    assert "Measured on a card." in performance_page(
+        RecordSources(records), files, tmp_path / "a.svg", tmp_path / "page.md"
+    )
 
 
 def test_gains_and_ratios_are_of_the_rows_that_are_there() -> None:
-    assert gains(Sources(equal_budget=quality(nafnet=20.0))) == {}
+    assert gains(RecordSources(equal_budget=quality(nafnet=20.0))) == {}
     shipped, trained = quality(raw=21.0, lr_tiny=21.5), quality(raw=20.0, sif=21.25)
-    assert gains(Sources(quality=shipped, equal_budget=trained)) == {"sif": 1.25, "lr_tiny": 0.5}
-    assert times_ours(Sources(some_records()), "NAFNet-w32") == 14.0  # float32 is not what ours is measured in
-    assert times_ours(Sources(some_records()), "Restormer") is None
+    assert gains(RecordSources(quality=shipped, equal_budget=trained)) == {"sif": 1.25, "lr_tiny": 0.5}
+    assert times_ours(RecordSources(some_records()), "NAFNet-w32") == 14.0  # float32 is not what ours is measured in
+    assert times_ours(RecordSources(some_records()), "Restormer") is None
 
 
 @pytest.mark.parametrize(
     ("most", "value", "verdict"), [(True, 1.0, "met"), (True, 1.1, "**missed**"), (False, 0.9, "**missed**")]
 )
 def test_a_target_is_met_up_to_its_limit(most: bool, value: float, verdict: str) -> None:
-    assert Target("", 1.0, "", lambda _: value, lambda _: "", most).line(Sources())[3] == verdict
+    assert Target("", 1.0, "", lambda _: value, lambda _: "", most).line(RecordSources())[3] == verdict
 
 
 def test_the_job_measures_and_makes_its_page_and_makes_it_again(tmp_path, job, monkeypatch) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from ablations.study.description import Method, SceneGroup, TableDescription, write_description
+from ablations.study.description import MethodDescription, SceneGroup, TableDescription, write_description
 from gaussian_enhancer.metrics.records import MISSING, Record, write_records
 
 NASTY = "<script>document.title='broken'</script><img src=x onerror=alert(1)>"
@@ -20,9 +20,9 @@ QUALITY = TableDescription(
     kind="quality",
     about="as in the paper",
     methods={
-        "raw": Method("raw render", role=""),
-        "ge": Method("GE", train=("+ablation/variant=ge",)),
-        "gepp": Method("GE++", about="the whole of it", train=("+ablation/variant=gepp_lr",)),
+        "raw": MethodDescription("raw render", role=""),
+        "ge": MethodDescription("GE", train=("+ablation/variant=ge",)),
+        "gepp": MethodDescription("GE++", about="the whole of it", train=("+ablation/variant=gepp_lr",)),
     },
     baseline="raw",
     metrics=("psnr", "ssim"),

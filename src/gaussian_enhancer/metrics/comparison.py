@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import HIGHER_IS_BETTER, Record
 
-View = tuple[str, str, str]
+ViewKey = tuple[str, str, str]
 """Scene, splat and image name, by which the records of two variants are matched."""
 
 
@@ -81,7 +81,7 @@ def pair_records(
     Raises:
         InputError: a view has only one of the variants, or one of them twice, or no view has either.
     """
-    by_variant: dict[str, dict[View, Record]] = {baseline: {}, variant: {}}
+    by_variant: dict[str, dict[ViewKey, Record]] = {baseline: {}, variant: {}}
     for record in records:
         key = (record.scene, record.splat, record.view)
         if record.kind != "quality" or record.variant not in by_variant:
@@ -214,5 +214,5 @@ def _reason(pair: VariantPair, metric: str) -> str:
     return next((reason for reason in reasons if reason), "equal to the photo, or not measured on both")
 
 
-def _view_name(key: View) -> str:
+def _view_name(key: ViewKey) -> str:
     return " / ".join(part for part in key if part)

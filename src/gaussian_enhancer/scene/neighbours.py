@@ -21,7 +21,7 @@ from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.scene.scene import Photo
 from gaussian_enhancer.types import Camera
 
-View = Photo | RenderedView
+AnyView = Photo | RenderedView
 DIRECTION_WEIGHT = 50.0
 SAMPLED = 2**12
 """Approximate number of the target's pixels from which its covisibility with a candidate is estimated."""
@@ -79,8 +79,8 @@ def covisibility(
 
 
 def rank_references(
-    target: View,
-    candidates: Sequence[View],
+    target: AnyView,
+    candidates: Sequence[AnyView],
     count: int,
     *,
     depth: Float[Tensor, "1 h w"] | None = None,

@@ -4,7 +4,7 @@ import pytest
 from PIL import Image, ImageChops, ImageDraw
 
 from ablations.report.grids import PHOTO, crop_box, write_grid
-from ablations.study.description import Method, SceneGroup, TableDescription
+from ablations.study.description import MethodDescription, SceneGroup, TableDescription
 from gaussian_enhancer.errors import InputError
 
 TABLE = TableDescription(
@@ -12,7 +12,7 @@ TABLE = TableDescription(
     "Artefacts",
     "images",
     "",
-    {"raw": Method("3DGS", role=""), "gepp": Method("GE++")},
+    {"raw": MethodDescription("3DGS", role=""), "gepp": MethodDescription("GE++")},
     "raw",
     ("psnr",),
     ("3dgs",),

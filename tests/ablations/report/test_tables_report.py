@@ -14,16 +14,16 @@ from pathlib import Path
 import pytest
 
 from ablations.report.tables import summary_page, write_reports
-from ablations.study.description import Method, SceneGroup, TableDescription
+from ablations.study.description import MethodDescription, SceneGroup, TableDescription
 from ablations.study.latex import escape
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record, write_records
 
 STATED = {"protocol": "8 bit", "commit": "c0ffee", "machine": "2 cores, no GPU", "time": "2026-01-02T03:04:05+00:00"}
 ROWS = {
-    "raw": Method("raw render", role=""),
-    "ge": Method("GE", train=("a=b",)),
-    "gepp": Method("GE++", train=("c=d",)),
+    "raw": MethodDescription("raw render", role=""),
+    "ge": MethodDescription("GE", train=("a=b",)),
+    "gepp": MethodDescription("GE++", train=("c=d",)),
 }
 PAPER = {"3dgs": {"raw": (28.17, 0.854), "ge": (28.61, 0.856), "gepp": (28.96, 0.871)}}
 TABLE = TableDescription(
@@ -230,7 +230,7 @@ def test_the_order_of_the_records_changes_nothing(tmp_path: Path) -> None:
 
 
 def test_the_csv_holds_what_it_was_given(tmp_path: Path) -> None:
-    methods = {**ROWS, "ge": Method('GE, "quoted"\n| and more', train=("a",))}
+    methods = {**ROWS, "ge": MethodDescription('GE, "quoted"\n| and more', train=("a",))}
     table = dataclasses.replace(TABLE, methods=methods)
     exact = cells(reports(tmp_path, table, all_records())[".csv"])
     assert exact["3dgs", "ge", "mean", "psnr"]["title"] == 'GE, "quoted"\n| and more'
@@ -238,7 +238,7 @@ def test_the_csv_holds_what_it_was_given(tmp_path: Path) -> None:
 
 def test_latex_has_the_same_columns_in_every_line_whatever_the_words(tmp_path: Path) -> None:
     nasty = "[100%_of $x^2$ & {#1} ~ \\input \u2713 <é>\x00"
-    table = dataclasses.replace(TABLE, title=nasty, methods={**ROWS, "ge": Method(nasty, train=("a",))})
+    table = dataclasses.replace(TABLE, title=nasty, methods={**ROWS, "ge": MethodDescription(nasty, train=("a",))})
     text = reports(tmp_path, table, all_records())[".tex"]
     assert {len(line) for line in printed_latex(text)} == {2 + 2 * 5 + 3}
     assert r"{[}100\%\_of \$x\textasciicircum{}2\$ \& \{\#1\} \textasciitilde{} \textbackslash{}input (U+2713)" in text

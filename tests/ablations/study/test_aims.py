@@ -3,11 +3,15 @@
 import pytest
 
 from ablations.study.aims import Aims, ranked_losses, verdicts
-from ablations.study.description import Method, SceneGroup, TableDescription
+from ablations.study.description import MethodDescription, SceneGroup, TableDescription
 from ablations.study.results import Results
 from gaussian_enhancer.metrics.records import MISSING, Record
 
-METHODS = {"raw": Method("raw", role=""), "other": Method("other", role="other"), "ours": Method("ours", role="ours")}
+METHODS = {
+    "raw": MethodDescription("raw", role=""),
+    "other": MethodDescription("other", role="other"),
+    "ours": MethodDescription("ours", role="ours"),
+}
 STUDY = TableDescription(
     "t", "", "quality", "", METHODS, "raw", ("psnr", "lpips_alex"), (), {"d": SceneGroup("D", ("fox",))}, ()
 )

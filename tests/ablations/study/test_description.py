@@ -2,7 +2,13 @@ import dataclasses
 
 import pytest
 
-from ablations.study.description import Method, SceneGroup, TableDescription, read_description, write_description
+from ablations.study.description import (
+    MethodDescription,
+    SceneGroup,
+    TableDescription,
+    read_description,
+    write_description,
+)
 from gaussian_enhancer.errors import InputError
 
 TABLE = TableDescription(
@@ -10,7 +16,7 @@ TABLE = TableDescription(
     "Same resolution",
     "quality",
     "as the paper's",
-    {"raw": Method("3DGS", role=""), "ge": Method("GE", train=("+ablation/variant=ge",))},
+    {"raw": MethodDescription("3DGS", role=""), "ge": MethodDescription("GE", train=("+ablation/variant=ge",))},
     "raw",
     ("psnr", "ssim"),
     ("3dgs",),

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from ablations.study import lines as lines_
-from ablations.study.description import Method, SceneGroup, TableDescription
+from ablations.study.description import MethodDescription, SceneGroup, TableDescription
 from ablations.study.lines import ALL, Line, match_baselines
 from ablations.study.results import Results, block_of
 from gaussian_enhancer.metrics.records import Record
@@ -102,7 +102,7 @@ def test_several_datasets_get_a_line_of_all_with_the_papers_numbers() -> None:
 
 
 def test_costs_stand_by_size_beside_the_papers() -> None:
-    methods = {"ge": Method("GE"), "gepp": Method("GE++")}
+    methods = {"ge": MethodDescription("GE"), "gepp": MethodDescription("GE++")}
     paper = {"1k": {"ge": (377.0, 8500.0), "gepp": (459.0, 8600.0)}, "2k": {"ge": None}}
     table = TableDescription(
         "table_3", "Cost", "cost", "", methods, "ge", ("milliseconds", "peak_memory_mb"), (), {}, paper=paper
@@ -156,7 +156,7 @@ def test_the_records_behind_a_cost_are_those_of_the_size_that_they_name() -> Non
     """A size may be the description's own, of which the paper has nothing, and stand in the record's scene."""
     sizes = {"1k": SceneGroup("1K", ("1k",)), "4k": SceneGroup("4K", ("4k",))}
     table = TableDescription(
-        "table_3", "", "cost", "", {"ge": Method("GE")}, "ge", ("milliseconds",), (), sizes, paper={"1k": {}}
+        "table_3", "", "cost", "", {"ge": MethodDescription("GE")}, "ge", ("milliseconds",), (), sizes, paper={"1k": {}}
     )
     records = [Record("cost", "r", size, "", "", "ge", {"milliseconds": 1.0}, size=(64, 48)) for size in sizes]
     lines = table_lines(table, records)

@@ -5,17 +5,17 @@ import random
 
 import pytest
 
-from ablations.study.description import Method, SceneGroup, TableDescription
+from ablations.study.description import MethodDescription, SceneGroup, TableDescription
 from ablations.study.results import Results, block_of
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import MISSING, Record
 
 HILL = ("hill", "3dgs")
 ROWS = {
-    "raw": Method("raw", role=""),
-    "one": Method("one", train=("a",)),
-    "two": Method("two", train=("b",)),
-    "file": Method("file"),
+    "raw": MethodDescription("raw", role=""),
+    "one": MethodDescription("one", train=("a",)),
+    "two": MethodDescription("two", train=("b",)),
+    "file": MethodDescription("file"),
 }
 TABLE = TableDescription(
     "t", "", "quality", "", ROWS, "raw", ("psnr",), ("3dgs",), {"d": SceneGroup("D", ("hill",))}, (0, 1)

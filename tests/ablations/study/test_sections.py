@@ -2,12 +2,12 @@
 
 import pytest
 
-from ablations.study.description import Method, SceneGroup, TableDescription
+from ablations.study.description import MethodDescription, SceneGroup, TableDescription
 from ablations.study.results import Results
 from ablations.study.sections import metrics_of, pair_table
 from gaussian_enhancer.metrics.records import Record
 
-METHODS = {"raw": Method("raw", role=""), "ours": Method("ours")}
+METHODS = {"raw": MethodDescription("raw", role=""), "ours": MethodDescription("ours")}
 STUDY = TableDescription(
     "t", "", "quality", "", METHODS, "raw", ("psnr", "lpips_alex"), (), {"d": SceneGroup("D", ("fox",))}, ()
 )
