@@ -1,5 +1,6 @@
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -240,6 +241,10 @@ def test_a_splat_is_rendered_with_its_capture(plane_run, weights, tmp_path, monk
     assert read_photo(folder / "test/ours_0/renders" / photos[0].name).std() > 0.05
     with pytest.raises(InputError, match="method"):
         run(configured(f"gaussians={tmp_path / 'splat.ply'}", *options, "method=nerf"))
+    for name, moved in (("behind", means * torch.tensor([1.0, 1.0, -1.0])), ("beside", means + 50)):
+        write_ply(tmp_path / f"{name}.ply", replace(gaussians, means=moved))
+        with pytest.raises(InputError, match=r"has no Gaussian in any view of capture.*coordinates of its capture"):
+            run(configured(f"gaussians={tmp_path / name}.ply", *options))
 
 
 def test_input_that_cannot_be_used_is_refused(plane_run, weights, tmp_path):

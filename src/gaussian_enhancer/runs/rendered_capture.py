@@ -42,6 +42,14 @@ class SplatRenderer:
         with torch.no_grad():
             return render(self.gaussians, on_device, self.method, self.background, near=self.near).to("cpu")
 
+    def sees(self, camera: Camera) -> bool:
+        """Whether the centre of a Gaussian lies in a camera's image."""
+        on_device = camera.to(self.gaussians.means)
+        points = self.gaussians.means @ on_device.rotation.T + on_device.world_to_camera[:3, 3]
+        points = points[points[:, 2] > self.near] @ on_device.K.T
+        x, y = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
+        return bool(((x >= 0) & (x <= camera.width) & (y >= 0) & (y <= camera.height)).any())
+
     def target(self, name: str, camera: Camera | None, photo: Photo | None = None) -> RenderedView:
         """Create a target whose render is computed when it is read.
 
@@ -120,7 +128,8 @@ def render_capture(
         invalid: treatment of Gaussians that are not finite: "refuse" or "drop".
 
     Raises:
-        InputError: the splat cannot be read, the method or ``views`` is unknown, or no view of that choice exists.
+        InputError: the splat cannot be read, the method or ``views`` is unknown, no view of that choice exists, or none
+            of them shows a Gaussian.
     """
     cameras = [photo.camera for photo in capture.train_photos if photo.camera is not None]
     renderer = open_renderer(file, cameras, capture.background, method, device, invalid)
@@ -130,6 +139,10 @@ def render_capture(
     if not photos[views]:
         raise InputError(capture.name, f"has no {views} view", "change the split, or views=all")
     targets = tuple(renderer.target(png_name(photo.name), photo.camera, photo) for photo in photos[views])
+    if not any(renderer.sees(target.camera) for target in targets if target.camera is not None):
+        received = f"has no Gaussian in any view of {capture.name} that is to be enhanced"
+        remedy = "give the splat in the coordinates of its capture, as it was fitted: neither moved nor scaled"
+        raise InputError(file, received, remedy)
     references = tuple(map(renderer.reference, capture.train_photos))
     return RenderedSet(capture.name, targets, references, capture.background, own_depth=True)
 
