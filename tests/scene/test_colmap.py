@@ -87,6 +87,14 @@ def test_smaller_photo_folder_rescales_the_intrinsics(tmp_path):
     assert_dots_are_where_cameras_say(scene, atol=0.15)
 
 
+def test_a_capture_with_smaller_photos_alone_names_the_option(tmp_path):
+    write_colmap(tmp_path)
+    (tmp_path / "images").rename(tmp_path / "images_2")
+    with pytest.raises(InputError, match=r"images: is no folder; use scene=colmap scene\.images=images_2"):
+        load_colmap(tmp_path)
+    assert len(load_colmap(tmp_path, images="images_2").photos) > 1
+
+
 def test_photos_with_another_aspect_are_refused(tmp_path):
     write_colmap(tmp_path)
     save(tmp_path / "images" / "view_03.png", np.zeros((WIDTH, HEIGHT)))

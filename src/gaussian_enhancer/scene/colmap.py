@@ -107,6 +107,9 @@ def _by_stem(folder: Path) -> dict[str, tuple[str, Path]]:
 
     Endings are ignored because folders such as ``images_4`` may hold another image format than the model names.
     """
+    smaller = sorted(path.name for path in folder.parent.glob(f"{folder.name}_*") if path.is_dir())
+    if smaller and not folder.is_dir():
+        raise InputError(folder, "is no folder", f"use scene=colmap scene.images={smaller[0]}")
     paths = _walk(folder) if folder.is_dir() else ()
     files = sorted(p for p in paths if p.suffix.lower() in ENDINGS and not p.name.startswith("."))
     if not files:
