@@ -50,6 +50,11 @@ def test_the_table_says_what_is_used_what_is_not_and_why():
     assert "candidates" not in Plan("full", Rules(), PLAN.parts, PLAN.views).table()
 
 
+def test_the_table_has_no_candidates_where_no_reference_is_used():
+    parts = (PlanItem("references", False, "none are asked for"),)
+    assert "candidates" not in Plan("chair", AUTO, parts, (ViewPlan("0.png", (100, 200)),)).table()
+
+
 def test_rules_leave_nothing_out_unless_they_are_told_to():
     assert Rules().full
     for forced in (Rules(references="auto"), Rules(depth="none"), Rules(tiles="auto")):

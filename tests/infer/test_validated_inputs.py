@@ -137,7 +137,26 @@ def test_depth_that_is_switched_off_takes_the_references_along():
     assert found.reference_config.references == 0
     assert all(view.read_depth is None for view in (*found.rendered.targets, *found.rendered.references))
     assert part(found.parts, "depth").why == "switched off"
-    assert "cannot be reprojected" in found.missing_references[0]
+    assert found.missing_references == (
+        "depth is switched off, so that photos cannot be reprojected: no photo is used",
+    )
+
+
+def test_references_give_refused_depth_as_their_reason():
+    found = validate_inputs(scene(lambda z: 2 * z), ReferenceConfig(fine=True), AUTO, scale=4)
+    assert [one.name for one in found.parts if one.used] == ["super-resolution", "cameras"]
+    assert part(found.parts, "references").why.startswith(part(found.parts, "depth").why + ", so that photos")
+
+
+@pytest.mark.parametrize("fine", [False, True])
+def test_a_plan_without_references_says_that_none_were_asked_for(fine):
+    rendered = things()
+    rendered = replace(rendered, references=(replace(rendered.references[0], camera=None), *rendered.references[1:]))
+    found = validate_inputs(rendered, ReferenceConfig(references=0, fine=fine), AUTO)
+    assert not part(found.parts, "references").used
+    assert part(found.parts, "references").why == "none are asked for: views are enhanced from their renders alone"
+    assert "fine photos" not in {one.name for one in found.parts}
+    assert found.missing_references == ()
 
 
 def test_references_without_the_camera_that_others_have_are_left_out_by_auto_alone():

@@ -27,9 +27,6 @@ from gaussian_enhancer.scene.photos import background_colour
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import Camera
 
-WARNED_INPUTS = ("depth", "references", "fine photos")
-"""Parts of the input whose absence causes a warning."""
-
 
 class Enhancer:
     """Enhances renders of a splat with the help of photos of the same scene.
@@ -169,8 +166,7 @@ class Enhancer:
             config = EnhancementOptions(max_references=0).reference_config(self.pretrained, "expected")
         validated = validate_inputs(rendered, config, rules, self.scale, cached.pool)
         if validated.missing_references:
-            reasons = [item.why for item in validated.parts if not item.used and item.name in WARNED_INPUTS]
-            warnings.warn("; ".join(filter(None, reasons)), stacklevel=2)
+            warnings.warn("; ".join(validated.missing_references), stacklevel=2)
         self._cache_references(cached, validated)
         self._set_enhancer.reference_config = validated.reference_config
         planner = cached.planner if cached.planner is not None else validated.planner(rules)

@@ -134,7 +134,8 @@ class Plan:
         """The plan as text: one line for each part, then a summary of the views."""
         lines = [(part.name, "yes" if part.used else "no", part.why) for part in self.parts]
         if self.views:
-            if self.rules.references == "auto":
+            without_references = any(part.name == "references" and not part.used for part in self.parts)
+            if self.rules.references == "auto" and not without_references:
                 lines.append(("candidates", "", self._candidates()))
             if self.rules.tiles == "auto":
                 share = f"{self.passed_share:.0%}" if self.passed_share else "none"

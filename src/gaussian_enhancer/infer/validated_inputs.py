@@ -24,6 +24,9 @@ For six training fits of all families and methods, the difference through a plan
 splat's depth, and 0.70 to 0.89 times that through inverse depth.
 """
 
+NOT_GIVEN, SWITCHED_OFF = "not given", "switched off"
+NONE_REQUESTED = "none are asked for: views are enhanced from their renders alone"
+
 
 @dataclass(frozen=True)
 class ValidatedInputs:
@@ -58,7 +61,8 @@ class ValidatedInputs:
     @property
     def missing_references(self) -> tuple[str, ...]:
         """Reasons why references or their fine photos are not used although the weights require them."""
-        return tuple(part.why for part in self.parts if not part.used and part.name in ("references", "fine photos"))
+        unused = (part for part in self.parts if not part.used and part.name in ("references", "fine photos"))
+        return tuple(part.why for part in unused if part.why != NONE_REQUESTED)
 
 
 def validate_inputs(
@@ -97,15 +101,18 @@ def validate_inputs(
     if rendered.references is not pool.views:
         pool = ReferencePool(rendered.references)
     parts += [_camera_part(rendered, origins.get("cameras", "")), depth]
-    if reference_config.fine:
+    wants_fine = reference_config.fine
+    if wants_fine:
         fine = all(view.read_fine_photo is not None for view in rendered.references)
-        why = "" if fine else "no photos of 4 times the renders' resolution: super-resolution without their detail"
         reference_config = replace(reference_config, fine=fine)
-        parts.append(PlanItem("fine photos", fine, why))
-    if reference_config.references:
-        reference_config, references = _reference_part(rendered, reference_config)
-        left_out = f"; {len(unposed)} without a camera left out, {unposed[0]} among them" if unposed else ""
-        parts.append(replace(references, why=references.why + left_out))
+    reference_config, references = _reference_part(rendered, reference_config, depth)
+    if wants_fine and reference_config.references:
+        missing = "no photos of 4 times the renders' resolution: super-resolution without their detail"
+        parts.append(PlanItem("fine photos", reference_config.fine, "" if reference_config.fine else missing))
+    if unposed and references.why != NONE_REQUESTED:
+        left_out = f"; {len(unposed)} without a camera left out, {unposed[0]} among them"
+        references = replace(references, why=references.why + left_out)
+    parts.append(references)
     targets = rendered.targets if reference_config.references else ()
     unreached = tuple(view.name for view in targets if not reference_config.can_align(view))
     return ValidatedInputs(rendered, reference_config, tuple(parts), pool, unreached)
@@ -188,8 +195,8 @@ def _depth_part(
     kind = reference_config.warp.depth if isinstance(reference_config.warp, Reprojected) else "as given"
     with_depth = [view for view in rendered.targets if view.read_depth is not None]
     if not with_depth:
-        return rendered, PlanItem("depth", False, "not given")
-    why = "switched off" if rules.depth == "none" else ""
+        return rendered, PlanItem("depth", False, NOT_GIVEN)
+    why = SWITCHED_OFF if rules.depth == "none" else ""
     if rules.depth == "auto" and not rendered.own_depth:
         why = depth_mismatch_reason(pool, reference_config, with_depth[:: max(1, (len(with_depth) + 1) // 2)][:2])
     if not why:
@@ -200,8 +207,18 @@ def _depth_part(
     return replace(rendered, targets=targets, references=references), PlanItem("depth", False, why)
 
 
-def _reference_part(rendered: RenderedSet, reference_config: ReferenceConfig) -> tuple[ReferenceConfig, PlanItem]:
-    """The reference configuration, without references if none can be warped, and the plan's item on references."""
+def _reference_part(
+    rendered: RenderedSet, reference_config: ReferenceConfig, depth: PlanItem
+) -> tuple[ReferenceConfig, PlanItem]:
+    """The reference configuration, without references if none can be warped, and the plan's item on references.
+
+    Args:
+        rendered: targets and references.
+        reference_config: how references are chosen and aligned.
+        depth: the plan's item on depth.
+    """
+    if not reference_config.references:
+        return reference_config, PlanItem("references", False, NONE_REQUESTED)
     text = f"{len(rendered.references)} photos, at most {reference_config.references} a view"
     if not isinstance(reference_config.warp, Reprojected):
         return reference_config, PlanItem("references", True, text)
@@ -210,5 +227,8 @@ def _reference_part(rendered: RenderedSet, reference_config: ReferenceConfig) ->
     if not unposed and len(unreached) < len(rendered.targets):
         note = f"; none for {len(unreached)} views without camera or depth" if unreached else ""
         return reference_config, PlanItem("references", True, text + note)
-    reason = f"{(unreached + unposed)[0]} has no camera or no depth, so that photos cannot be reprojected"
-    return replace(reference_config, references=0), PlanItem("references", False, f"{reason}: no photo is used")
+    reason = f"{(unreached + unposed)[0]} has no camera or no depth"
+    if not depth.used and depth.why != NOT_GIVEN:
+        reason = "depth is switched off" if depth.why == SWITCHED_OFF else depth.why
+    why = f"{reason}, so that photos cannot be reprojected: no photo is used"
+    return replace(reference_config, references=0), PlanItem("references", False, why)
