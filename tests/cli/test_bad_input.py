@@ -394,6 +394,13 @@ def test_enhance_accepts_what_the_cases_below_spoil(workplace: None, form: str) 
     assert [p.name for p in sorted(Path("out").iterdir()) if p.is_file()] == ["0.png", "8.png"]
 
 
+@pytest.mark.parametrize("job", ["enhance", "video", "view", "distil"])
+def test_jobs_that_enhance_refuse_unknown_options_that_were_added(refused: Refused, job: str) -> None:
+    line = refused(job, "run=fitted", "+max_refs=2")
+    assert f"options of {job}: names 'max_refs'; choose from " in line
+    assert "max_references" in line
+
+
 @pytest.mark.parametrize(
     ("form", "file"),
     [

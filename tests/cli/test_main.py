@@ -189,6 +189,12 @@ def test_every_job_has_options_that_its_own_configuration_meets():
             assert set(OmegaConf.load(paths.ROOT / "conf" / f"{job}.yaml")) <= known(job)
 
 
+def test_groups_may_be_added_to_jobs_that_refuse_unknown_options():
+    with initialised():
+        groups = ["+sweep=two_jobs", "scene=indoor", "+scene/imperfections=phone", "+scene.background=[0,0,0]"]
+        options.check_options("enhance", compose("enhance", groups))
+
+
 def test_every_job_has_a_module_that_runs_it():
     for job in cli.JOBS:
         assert callable(importlib.import_module(f"{cli.package_of(job)}.{job}").run)

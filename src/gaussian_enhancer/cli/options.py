@@ -13,7 +13,7 @@ from omegaconf.errors import OmegaConfBaseException
 from pydantic import AfterValidator, Field, with_config
 from typing_extensions import TypedDict
 
-from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.typed import STRICT, check_plain
 
 LONGEST_NAME, LONGEST_PATH = 255, 4095
@@ -328,14 +328,19 @@ def options_of(job: str) -> type[Shared]:
 def check_options(job: str, cfg: DictConfig) -> None:
     """Refuse a configuration with an option of the wrong type, or out of bounds. Missing values (``???``) pass.
 
+    Jobs that enhance views also refuse unknown options, which Hydra adds with ``+NAME=VALUE``: nothing reads them.
+
     Args:
         job: the job's name.
         cfg: its whole configuration.
 
     Raises:
-        InputError: an option was removed, is of the wrong type or out of bounds, or cannot be resolved.
+        InputError: an option was removed, is unknown, of the wrong type or out of bounds, or cannot be resolved.
     """
-    for name, kind in get_type_hints(options_of(job), include_extras=True).items():
+    options = get_type_hints(options_of(job), include_extras=True)
+    if issubclass(options_of(job), Enhancing):
+        refuse_unknown(f"options of {job}", cfg, options)
+    for name, kind in options.items():
         if kind == Group | None and name not in cfg:
             continue  # an optional group without a choice
         if name not in cfg and not OmegaConf.is_missing(cfg, name):
