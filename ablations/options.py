@@ -100,7 +100,8 @@ class Quality(Options, Distances):
     """Options of the job ``quality``."""
 
     scenes: list[str] | None
-    splats: list[str]
+    splat_choices: list[str]
+    splats: list[str] | None
     fit: list[str]
     fit_missing: bool
     records_only: bool

@@ -32,7 +32,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[tuple[str, str, StudyC
     """Every method in every cell of every table.
 
     Raises:
-        InputError: the configuration names no cell, or an unknown scene or role.
+        InputError: the configuration names no cell, or an unknown scene, splat or role.
     """
     cfg = with_backbones(cfg)
     cells = {str(name): tuple(study_cells(cfg, table)) for name, table in cfg.tables.items()}
@@ -46,7 +46,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[tuple[str, str, StudyC
         () if cfg.records_only else cells_to_measure,
         lambda part: _measured(cfg, *part),
         ("variant", "scene", "splat"),
-        replaces_file=cfg.scenes is None,  # with some of the scenes, the records of the others stay
+        replaces_file=cfg.scenes is None and cfg.splats is None,  # of some scenes or splats, others' records stay
         report=lambda: _reported(cfg),
     )
 
@@ -82,7 +82,9 @@ def study_cells(cfg: DictConfig, table: DictConfig) -> Iterator[StudyCell]:
         for scene, overrides in group.scenes.items():
             if scene in table.get("without", ()) or not included(scene, cfg.scenes):
                 continue
-            for splat in cfg.splats:
+            for splat in cfg.splat_choices:
+                if not included(splat, cfg.splats):
+                    continue
                 for density, choice in group.densities.items():
                     if included(density, table.get("densities")) and included(splat, table.get("splats")):
                         fit = (*overrides, f"splat={splat}", *cfg.fit, *choice.fit)
@@ -142,9 +144,10 @@ def _numbers(values: Mapping[str, float]) -> dict[str, float]:
 
 
 def _refuse_unknown(cfg: DictConfig) -> None:
-    """Refuse scenes and roles that do not exist; otherwise cells or methods would be left out silently."""
+    """Refuse scenes, splats and roles that do not exist; otherwise cells or methods would be left out silently."""
     known_scenes = [str(scene) for group in cfg.groups.values() for scene in group.scenes]
     refuse_unknown("scenes", cfg.scenes, known_scenes)
+    refuse_unknown("splats", cfg.splats, cfg.splat_choices)
     for name, table in cfg.tables.items():
         if table.baseline not in table.methods:
             raise InputError(

@@ -213,9 +213,29 @@ def test_one_scene_measured_again_leaves_the_records_of_the_others(fits, configu
     assert len(again) == len(records) + 1
 
 
+def test_one_splat_measured_again_leaves_the_records_of_the_others(fits, configured, tmp_path) -> None:
+    def of_all_scenes(*overrides: str) -> DictConfig:
+        cfg = configured("scenes=null", *overrides)
+        cfg.groups = {"one": {**cfg.groups.procedural, "scenes": {"unbounded": cfg.groups.procedural.scenes.unbounded}}}
+        return cfg
+
+    started(of_all_scenes("splats=null", "splat_choices=[3dgs]"))
+    records = read_records(tmp_path / "q.jsonl")
+    other = dataclasses.replace(records[0], splat="2dgs/dense")
+    write_records(tmp_path / "q.jsonl", [*records, other])
+    started(of_all_scenes("splats=[3dgs]"))
+    assert set(map(str, read_records(tmp_path / "q.jsonl"))) == set(map(str, [*records, other]))
+    started(of_all_scenes("splats=null", "splat_choices=[3dgs]"))
+    assert other not in read_records(tmp_path / "q.jsonl")
+
+
 @pytest.mark.parametrize(
     ("override", "found"),
-    [("scenes=[nowhere]", "scenes: names 'nowhere'"), ("tables.lr.baseline=bicubic", "baseline: is 'bicubic'")],
+    [
+        ("scenes=[nowhere]", "scenes: names 'nowhere'"),
+        ("splats=[4dgs]", "splats: names '4dgs'"),
+        ("tables.lr.baseline=bicubic", "baseline: is 'bicubic'"),
+    ],
 )
 def test_unknown_names_are_refused_before_anything_is_done(fits, configured, override, found) -> None:
     with pytest.raises(InputError, match=found):
