@@ -118,7 +118,7 @@ def test_desk_measures_as_the_quality_table_does_on_three_worlds_a_dataset_and_o
         known = {
             frozenset((*world, f"splat={splat}", *quality.fit, *group.densities.sparse.fit))
             for world in worlds
-            for splat in quality.splats
+            for splat in quality.splat_choices
         }
     cells = {
         frozenset(cell.fit) for number in (7, 8, 9) for cell in read_experiment(f"table_{number}", desk.scale).cells
