@@ -48,7 +48,7 @@ from ablations.report.performance import (
     PIPELINE,
     TRIED,
     YARDSTICK,
-    RecordSources,
+    PageRecords,
     performance_page,
     performance_plot,
 )
@@ -116,10 +116,10 @@ def reported(cfg: DictConfig, console: Console) -> None:
         InputError: a file cannot be read or written.
     """
     page, drawing = Path(cfg.page), Path(cfg.records).with_suffix(".svg")
-    records = {name: read_records(file) if (file := Path(cfg[name])).is_file() else () for name in RecordSources.FILES}
-    sources = RecordSources(**records)
+    records = {name: read_records(file) if (file := Path(cfg[name])).is_file() else () for name in PageRecords.FILES}
+    sources = PageRecords(**records)
     write_text(drawing, performance_plot(sources))
-    write_text(page, performance_page(sources, {name: Path(cfg[name]) for name in RecordSources.FILES}, drawing, page))
+    write_text(page, performance_page(sources, {name: Path(cfg[name]) for name in PageRecords.FILES}, drawing, page))
     print_line(console, f"{page}, {drawing}")
 
 
@@ -221,19 +221,19 @@ def _peak(cfg: DictConfig, call: NetworkCall, views: Views) -> float:
 
 def pipeline_records(cfg: DictConfig, device: torch.device, views: Views, folder: Path) -> Iterator[Record]:
     """The pipeline from files to a file, part by part, for all weights at all sizes."""
-    stopwatch, calls, cases = PartTimer(device), {}, {}
+    timer, calls, cases = PartTimer(device), {}, {}
     for name, sizes in cfg.pipeline.items():
         peer = built(cfg, name, device)
         for width, height in (map(int, size.split("x")) for size in sizes):
             views_folder, key = views(height, width, peer.scale > 1), f"{name}/{width}x{height}"
             cases[key] = peer, height, width, views_folder
             enhance = enhancement(peer, "auto", read_views(views_folder), device)
-            calls[key] = partial(_to_file, key, enhance, stopwatch, folder / "enhanced.png")
+            calls[key] = partial(_to_file, key, enhance, timer, folder / "enhanced.png")
     fixed = {name: call for name, call, _, _ in yardsticks(device)}
-    with clocked_parts(stopwatch):
+    with clocked_parts(timer):
         times = time_interleaved({**fixed, **calls}, cfg.rounds, 1, device)
     for key, (peer, height, width, views_folder) in cases.items():
-        laps = stopwatch.laps[key][1:]  # without the warm-up
+        laps = timer.laps[key][1:]  # without the warm-up
         decoded = _timing([sum(lap.values()) - lap[READ] for lap in laps])
         metrics: dict[str, float | None] = {
             "scale": float(peer.scale),
@@ -295,8 +295,8 @@ def _process(command: list[str]) -> None:
         raise InputError(" ".join(command[1:]), f"fails ({last_line})", "try it by itself")
 
 
-def _to_file(name: str, enhance: Call, stopwatch: PartTimer, path: Path) -> None:
-    with stopwatch.lap(name):
+def _to_file(name: str, enhance: Call, timer: PartTimer, path: Path) -> None:
+    with timer.lap(name):
         write_clocked(enhance(), path)
 
 

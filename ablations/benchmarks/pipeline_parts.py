@@ -1,6 +1,6 @@
-"""Times of the parts of an enhancement, by a stopwatch around the functions that the enhancement calls.
+"""Times of the parts of an enhancement, by a timer around the functions that the enhancement calls.
 
-The pipeline's code is not repeated here: while a stopwatch runs, timed wrappers replace the functions of `PARTS`. The
+The pipeline's code is not repeated here: while a timer runs, timed wrappers replace the functions of `PARTS`. The
 time of a part does not include that of parts within it.
 """
 
@@ -103,16 +103,16 @@ class PartTimer:
 
 
 @contextmanager
-def clocked_parts(stopwatch: PartTimer) -> Iterator[None]:
-    """Time the functions of `PARTS` by a stopwatch until the block ends."""
+def clocked_parts(timer: PartTimer) -> Iterator[None]:
+    """Time the functions of `PARTS` by a timer until the block ends."""
     with ExitStack() as stack:
         for part, places in PARTS.items():
             for owner, name in places:
-                clocked = stopwatch.around(part, getattr(owner, name))
+                clocked = timer.around(part, getattr(owner, name))
                 stack.enter_context(mock.patch.object(owner, name, clocked))
         yield
 
 
 def write_clocked(image: Tensor, path: Path) -> None:
-    """Write an image as the job enhance does, by the function that the stopwatch wraps."""
+    """Write an image as the job enhance does, by the function that the timer wraps."""
     image_files.write_image(path, image)

@@ -149,7 +149,7 @@ def train_residual(
 
 
 @dataclass(frozen=True)
-class SourceCrops:
+class CropBatch:
     """A batch of crops.
 
     Args:
@@ -163,7 +163,7 @@ class SourceCrops:
     exposure: Float[Tensor, "b 3 4"]
 
 
-def drawn(views: Sequence[TrainingView], settings: ResidualSettings, step: int) -> SourceCrops:
+def drawn(views: Sequence[TrainingView], settings: ResidualSettings, step: int) -> CropBatch:
     """Draw the crops of a step; the step's number and the seed determine them.
 
     Args:
@@ -182,10 +182,10 @@ def drawn(views: Sequence[TrainingView], settings: ResidualSettings, step: int) 
         photos.append(view.photo[cut])
         maps.append(view.exposure)
     batch = ResidualInput(**{name: torch.cat([crop[name] for crop in inputs]) for name in inputs[0]})
-    return SourceCrops(batch, torch.stack(photos), torch.stack(maps))
+    return CropBatch(batch, torch.stack(photos), torch.stack(maps))
 
 
-def loss(network: IBGSResidual, crops: SourceCrops, dissimilarity: float) -> Float[Tensor, ""]:
+def loss(network: IBGSResidual, crops: CropBatch, dissimilarity: float) -> Float[Tensor, ""]:
     """(1 - dissimilarity) mean absolute difference + dissimilarity (1 - SSIM), as in 3DGS and IBGS.
 
     Args:

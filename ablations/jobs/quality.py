@@ -83,10 +83,9 @@ def study_cells(cfg: DictConfig, table: DictConfig) -> Iterator[StudyCell]:
             if scene in table.get("without", ()) or not included(scene, cfg.scenes):
                 continue
             for splat in cfg.splat_choices:
-                if not included(splat, cfg.splats):
-                    continue
                 for density, choice in group.densities.items():
-                    if included(density, table.get("densities")) and included(splat, table.get("splats")):
+                    splat_included = included(splat, cfg.splats) and included(splat, table.get("splats"))
+                    if splat_included and included(density, table.get("densities")):
                         fit = (*overrides, f"splat={splat}", *cfg.fit, *choice.fit)
                         every = table.get("every", choice.every)
                         yield StudyCell(str(scene), f"{splat}/{density}", fit, every, bool(table.get("finer")))

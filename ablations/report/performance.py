@@ -30,7 +30,7 @@ NOTHING = f"Not measured yet: `{MAKE}`.\n"
 
 
 @dataclass(frozen=True)
-class RecordSources:
+class PageRecords:
     """The records that the page is made from.
 
     Args:
@@ -70,11 +70,11 @@ class Target:
     part: str
     limit: float
     unit: str
-    value: Callable[[RecordSources], float | None]
-    bound: Callable[[RecordSources], str]
+    value: Callable[[PageRecords], float | None]
+    bound: Callable[[PageRecords], str]
     at_most: bool = True
 
-    def line(self, sources: RecordSources) -> tuple[str, str, str, str, str]:
+    def line(self, sources: PageRecords) -> tuple[str, str, str, str, str]:
         """Part, aim, measured value, verdict and bound, as texts."""
         measured = self.value(sources)
         aim = f"{'at most' if self.at_most else 'at least'} {self.limit:,g} {self.unit}".rstrip()
@@ -95,7 +95,7 @@ def number(value: float) -> str:
     return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
-def gains(sources: RecordSources) -> dict[str, float]:
+def gains(sources: PageRecords) -> dict[str, float]:
     """Mean gain in PSNR over the render by method, in dB, on the held-out views of the job ``quality``."""
     gain_by_method = {}
     for records, names in ((sources.equal_budget, EQUAL_BUDGET), (sources.quality, SHIPPED)):
@@ -106,7 +106,7 @@ def gains(sources: RecordSources) -> dict[str, float]:
     return gain_by_method
 
 
-def times_ours(sources: RecordSources, name: str) -> float | None:
+def times_ours(sources: PageRecords, name: str) -> float | None:
     """Ratio of a network's time to that of our whole enhancement, in the network's fastest number type."""
     ratios = [record.metrics.get("times_ours") for record in sources.of(NETWORK, name) if record.splat in FAST]
     return min((value for value in ratios if value is not None), default=None)
@@ -138,25 +138,25 @@ def _metric(record: Record | None, name: str) -> float | None:
     return None if record is None else record.metrics.get(name)
 
 
-def _growth(sources: RecordSources) -> float | None:
+def _growth(sources: PageRecords) -> float | None:
     """Ratio of the largest to the smallest time per megapixel, for images of at least a quarter of a megapixel."""
     large = [record for record in sources.of(PIPELINE, "lr_tiny") if record.size[0] * record.size[1] >= 0.25e6]
     times = [value for record in large if (value := record.metrics[TIME]) is not None]
     return max(times) / min(times) if len(times) > 1 else None
 
 
-def _operations(sources: RecordSources, name: str) -> float | None:
+def _operations(sources: PageRecords, name: str) -> float | None:
     records = sources.of(NETWORK, name)
     return records[0].metrics["giga_multiply_adds_per_megapixel"] if records else None
 
 
-def _startup_time(sources: RecordSources, name: str) -> float | None:
+def _startup_time(sources: PageRecords, name: str) -> float | None:
     records = sources.of(COLD, name)
     return records[0].metrics["milliseconds"] if records else None
 
 
 def _pipeline_target(part: str, limit: float, unit: str, name: str, size: tuple[int, int], metric: str) -> Target:
-    def record(sources: RecordSources) -> Record | None:
+    def record(sources: PageRecords) -> Record | None:
         return sources.pipeline(name, size)
 
     if metric == "peak_memory_mb":
@@ -172,7 +172,7 @@ def _peer_target(name: str, limit: float) -> Target:
 
 
 def _better_target(name: str) -> Target:
-    def value(sources: RecordSources) -> float | None:
+    def value(sources: PageRecords) -> float | None:
         gain_by_method = gains(sources)
         return gain_by_method["lr_2500"] - gain_by_method[name] if {"lr_2500", name} <= set(gain_by_method) else None
 
@@ -221,12 +221,12 @@ rounds, of a time divided by that of a fixed convolution in the same round: that
 """
 
 
-def performance_page(sources: RecordSources, files: Mapping[str, Path], drawing: Path, page: Path) -> str:
+def performance_page(sources: PageRecords, files: Mapping[str, Path], drawing: Path, page: Path) -> str:
     """The page as Markdown.
 
     Args:
         sources: records.
-        files: their files, by name of the field of `RecordSources`.
+        files: their files, by name of the field of `PageRecords`.
         drawing: the diagram's file.
         page: the page's file, for links.
     """
@@ -251,7 +251,7 @@ def performance_page(sources: RecordSources, files: Mapping[str, Path], drawing:
     return "".join(parts)
 
 
-def _yardsticks(sources: RecordSources) -> str:
+def _yardsticks(sources: PageRecords) -> str:
     records = sources.of(YARDSTICK)
     if not records:
         return NOTHING
@@ -276,7 +276,7 @@ that of our whole enhancement at the same scale, `lr_tiny` or `sr_tiny`, with th
 """
 
 
-def _networks(sources: RecordSources) -> str:
+def _networks(sources: PageRecords) -> str:
     records = [*sources.of(NETWORK), *sources.of(ENHANCEMENT)]
     if not records:
         return NOTHING
@@ -321,7 +321,7 @@ render and five candidate photos with their renders and depth, enhances, and wri
 """
 
 
-def _pipelines(sources: RecordSources) -> str:
+def _pipelines(sources: PageRecords) -> str:
     records = sources.of(PIPELINE)
     if not records:
         return NOTHING
@@ -342,7 +342,7 @@ def _pipelines(sources: RecordSources) -> str:
     return PIPELINES + markdown(frame(headings, lines)) + "\n" + markdown(frame(columns, part_lines))
 
 
-def _cold_table(sources: RecordSources) -> str:
+def _cold_table(sources: PageRecords) -> str:
     records = sources.of(COLD)
     if not records:
         return NOTHING
@@ -363,7 +363,7 @@ fits. Time is that of the whole enhancement in bfloat16, so that methods that al
 """
 
 
-def _quality(sources: RecordSources) -> str:
+def _quality(sources: PageRecords) -> str:
     gain_by_method = gains(sources)
     if not gain_by_method:
         return "Not measured yet: `nox -s quality`.\n"
@@ -382,7 +382,7 @@ def _quality(sources: RecordSources) -> str:
     return EQUAL + markdown(frame(("method", "PSNR, dB", "frames", "whole, ms / MP"), lines))
 
 
-def performance_plot(sources: RecordSources) -> str:
+def performance_plot(sources: PageRecords) -> str:
     """Plot remaining squared error over time as SVG, for the methods whose gain is known."""
     gain_by_method, marks = gains(sources), {}
     for record in sources.of(ENHANCEMENT):
@@ -400,7 +400,7 @@ def performance_plot(sources: RecordSources) -> str:
     return work_precision("Gain in PSNR against time", [panel], 1)
 
 
-def _tried(sources: RecordSources) -> str:
+def _tried(sources: PageRecords) -> str:
     records = sources.of(TRIED)
     if not records:
         return NOTHING
@@ -416,7 +416,7 @@ def _tried_lines(records: Sequence[Record]) -> Iterator[Sequence[str]]:
         yield record.variant, record.view, before, after, _with_interval(values, "times"), record.splat
 
 
-def _cards(sources: RecordSources) -> str:
+def _cards(sources: PageRecords) -> str:
     machines = distinct_values(record.machine for record in sources.records if record.protocol.startswith("GPU"))
     if machines:
         return f"Measured on {'; '.join(machines)}.\n"

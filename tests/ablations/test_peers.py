@@ -32,7 +32,7 @@ from ablations.report.performance import (
     TARGETS,
     TRIED,
     YARDSTICK,
-    RecordSources,
+    PageRecords,
     Target,
     gains,
     performance_page,
@@ -139,9 +139,9 @@ def test_every_network_of_ours_is_built_and_computes() -> None:
 
 @pytest.mark.parametrize("name", ["lr_tiny", "sr_tiny"])
 def test_clocks_change_no_image_and_parts_add_up_to_the_whole(tmp_path, name: str) -> None:
-    views, peer, stopwatch = plane(64, 96, 4 if name == "sr_tiny" else 1), of_weights(name), PartTimer(CPU)
+    views, peer, timer = plane(64, 96, 4 if name == "sr_tiny" else 1), of_weights(name), PartTimer(CPU)
     enhance = enhancement(peer, "float32", views, CPU)
-    with clocked_parts(stopwatch), stopwatch.lap("view"):
+    with clocked_parts(timer), timer.lap("view"):
         began = time.perf_counter()
         clocked = enhance()
         write_clocked(clocked, tmp_path / "image.png")
@@ -152,7 +152,7 @@ def test_clocks_change_no_image_and_parts_add_up_to_the_whole(tmp_path, name: st
     assert isinstance(enhancer, SetEnhancer)
     (one,) = enhancer(views, Planner(options.rules, config, views))
     assert torch.equal(clocked, one.image)
-    (lap,) = stopwatch.laps["view"]
+    (lap,) = timer.laps["view"]
     used = {part for part, value in lap.items() if value > 0}
     aligning, limiting = (
         {"search depth", "warp", "check and rank", "align, the rest"},
@@ -162,27 +162,27 @@ def test_clocks_change_no_image_and_parts_add_up_to_the_whole(tmp_path, name: st
     assert sum(lap.values()) == pytest.approx(taken, rel=0.05, abs=1)
     assert set(lap) == {*PARTS, REST}
     enhance()
-    assert len(stopwatch.laps["view"]) == 1
+    assert len(timer.laps["view"]) == 1
 
 
 def test_a_part_within_a_part_is_its_own(monkeypatch) -> None:
     now = iter(range(100))
-    stopwatch = PartTimer(CPU)
-    monkeypatch.setattr(stopwatch, "_now", lambda: next(now))
-    inner = stopwatch.around("network", lambda: None)
-    outer = stopwatch.around("plan", lambda: (inner(), inner()))
-    with stopwatch.lap("a"):
+    timer = PartTimer(CPU)
+    monkeypatch.setattr(timer, "_now", lambda: next(now))
+    inner = timer.around("network", lambda: None)
+    outer = timer.around("plan", lambda: (inner(), inner()))
+    with timer.lap("a"):
         outer()
-    assert (stopwatch.laps["a"][0]["network"], stopwatch.laps["a"][0]["plan"]) == (2, 3)
-    assert stopwatch.laps["a"][0][REST] == 2
+    assert (timer.laps["a"][0]["network"], timer.laps["a"][0]["plan"]) == (2, 3)
+    assert timer.laps["a"][0][REST] == 2
 
 
 def test_a_graphics_card_is_waited_for_at_both_ends(monkeypatch) -> None:
     waited: list[object] = []
     monkeypatch.setattr(torch.cuda, "synchronize", waited.append)
-    stopwatch = PartTimer(torch.device("cuda"))
-    with stopwatch.lap("a"):
-        stopwatch.around("network", lambda: None)()
+    timer = PartTimer(torch.device("cuda"))
+    with timer.lap("a"):
+        timer.around("network", lambda: None)()
     assert len(waited) == 4
     waited.clear()
     time_interleaved({"a": lambda: None, "b": lambda: None}, repeats=3, warm_up=0, device="cuda")
@@ -245,8 +245,8 @@ def test_the_page_states_verdicts_bounds_and_what_is_missing(tmp_path) -> None:
         "before": 10.0, "after": 5.0, "times": 2.0, "times_low": 1.9, "times_high": 2.1,
     })  # fmt: skip
     shipped, trained = quality(raw=20.0, lr_tiny=21.5), quality(raw=20.0, nafnet=20.5, lr_2500=21.0)
-    sources = RecordSources((*some_records(), tried), shipped, trained)
-    files = {name: tmp_path / f"results/{name}.jsonl" for name in RecordSources.FILES}
+    sources = PageRecords((*some_records(), tried), shipped, trained)
+    files = {name: tmp_path / f"results/{name}.jsonl" for name in PageRecords.FILES}
     page = performance_page(sources, files, tmp_path / "results/peers.svg", tmp_path / "page.md")
     lines = lines_of(page)
     assert lines["`lr_tiny` at 1008x756, decoded images to a file"] == [
@@ -271,34 +271,34 @@ def test_the_page_states_verdicts_bounds_and_what_is_missing(tmp_path) -> None:
 
 
 def test_a_page_without_records_says_so_everywhere(tmp_path) -> None:
-    files = {name: tmp_path / f"{name}.jsonl" for name in RecordSources.FILES}
-    page = performance_page(RecordSources(), files, tmp_path / "a.svg", tmp_path / "page.md")
-    assert all(target.line(RecordSources())[2] == "not measured" for target in TARGETS)
+    files = {name: tmp_path / f"{name}.jsonl" for name in PageRecords.FILES}
+    page = performance_page(PageRecords(), files, tmp_path / "a.svg", tmp_path / "page.md")
+    assert all(target.line(PageRecords())[2] == "not measured" for target in TARGETS)
     assert page.count("Not measured yet") == 6
-    assert "nothing was measured" in performance_plot(RecordSources())
+    assert "nothing was measured" in performance_plot(PageRecords())
 
 
 def test_a_card_is_named_where_one_was_measured(tmp_path) -> None:
     records = tuple(replace(one, protocol="GPU: medians", machine="a card") for one in some_records())
-    files = {name: tmp_path / f"{name}.jsonl" for name in RecordSources.FILES}
+    files = {name: tmp_path / f"{name}.jsonl" for name in PageRecords.FILES}
     assert "Measured on a card." in performance_page(
-        RecordSources(records), files, tmp_path / "a.svg", tmp_path / "page.md"
+        PageRecords(records), files, tmp_path / "a.svg", tmp_path / "page.md"
     )
 
 
 def test_gains_and_ratios_are_of_the_rows_that_are_there() -> None:
-    assert gains(RecordSources(equal_budget=quality(nafnet=20.0))) == {}
+    assert gains(PageRecords(equal_budget=quality(nafnet=20.0))) == {}
     shipped, trained = quality(raw=21.0, lr_tiny=21.5), quality(raw=20.0, sif=21.25)
-    assert gains(RecordSources(quality=shipped, equal_budget=trained)) == {"sif": 1.25, "lr_tiny": 0.5}
-    assert times_ours(RecordSources(some_records()), "NAFNet-w32") == 14.0  # float32 is not what ours is measured in
-    assert times_ours(RecordSources(some_records()), "Restormer") is None
+    assert gains(PageRecords(quality=shipped, equal_budget=trained)) == {"sif": 1.25, "lr_tiny": 0.5}
+    assert times_ours(PageRecords(some_records()), "NAFNet-w32") == 14.0  # float32 is not what ours is measured in
+    assert times_ours(PageRecords(some_records()), "Restormer") is None
 
 
 @pytest.mark.parametrize(
     ("most", "value", "verdict"), [(True, 1.0, "met"), (True, 1.1, "**missed**"), (False, 0.9, "**missed**")]
 )
 def test_a_target_is_met_up_to_its_limit(most: bool, value: float, verdict: str) -> None:
-    assert Target("", 1.0, "", lambda _: value, lambda _: "", most).line(RecordSources())[3] == verdict
+    assert Target("", 1.0, "", lambda _: value, lambda _: "", most).line(PageRecords())[3] == verdict
 
 
 def test_the_job_measures_and_makes_its_page_and_makes_it_again(tmp_path, job, monkeypatch) -> None:

@@ -1,6 +1,6 @@
 """Limits to the change that super-resolution makes beyond the render's resolution.
 
-Axes: b batch, r references, h height, w width, s rows of a strip, H and W multiples of h and w.
+Axes: b batch, r references, h height, w width, H and W multiples of h and w.
 """
 
 import torch
@@ -41,28 +41,17 @@ def limit_finer_scales(
         return finer
     scale, height = finer.shape[-1] // image.shape[-1], image.shape[-2]
     share = F.avg_pool2d(seen, 3, stride=1, padding=1, count_include_pad=False)
+    share = F.interpolate(share, scale_factor=scale, mode="bilinear", align_corners=False)
     for top in range(0, height, STRIP):
         bottom = min(top + STRIP, height)
         rows = slice(scale * top, scale * bottom)
-        upsampled = _upsample_rows(image, top, bottom, scale, "bicubic")
+        first = max(0, top - HALO)
+        upsampled = upsample_bicubic(image[..., first : bottom + HALO, :], scale)
+        upsampled = upsampled[..., scale * (top - first) : scale * (bottom - first), :]
         strip = finer[..., rows, :]
         if photos is not None:
             visibility = views.visibility[..., top:bottom, :].repeat_interleave(scale, -2).repeat_interleave(scale, -1)
             limits = NetworkInput(upsampled, photos[..., rows, :].to(upsampled), visibility)
             strip = clamp_to_references(strip, limits, window=1)
-        share_rows = _upsample_rows(share, top, bottom, scale, "bilinear")
-        torch.lerp(upsampled, strip, share_rows, out=finer[..., rows, :])
+        torch.lerp(upsampled, strip, share[..., rows, :], out=finer[..., rows, :])
     return finer
-
-
-def _upsample_rows(
-    image: Float[Tensor, "b c h w"], top: int, bottom: int, scale: int, mode: str
-) -> Float[Tensor, "b c s W"]:
-    """Rows of an upsampled image, the same as those of the whole one."""
-    first = max(0, top - HALO)
-    rows = image[..., first : bottom + HALO, :]
-    if mode == "bicubic":
-        upsampled = upsample_bicubic(rows, scale)
-    else:
-        upsampled = F.interpolate(rows, scale_factor=scale, mode=mode, align_corners=False)
-    return upsampled[..., scale * (top - first) : scale * (bottom - first), :]

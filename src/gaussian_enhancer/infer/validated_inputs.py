@@ -101,7 +101,7 @@ def validate_inputs(
     if rendered.references is not pool.views:
         pool = ReferencePool(rendered.references)
     parts += [_camera_part(rendered, origins.get("cameras", "")), depth]
-    wants_fine = reference_config.fine
+    wants_references, wants_fine = bool(reference_config.references), reference_config.fine
     if wants_fine:
         fine = all(view.read_fine_photo is not None for view in rendered.references)
         reference_config = replace(reference_config, fine=fine)
@@ -109,7 +109,7 @@ def validate_inputs(
     if wants_fine and reference_config.references:
         missing = "no photos of 4 times the renders' resolution: super-resolution without their detail"
         parts.append(PlanItem("fine photos", reference_config.fine, "" if reference_config.fine else missing))
-    if unposed and references.why != NONE_REQUESTED:
+    if unposed and wants_references:
         left_out = f"; {len(unposed)} without a camera left out, {unposed[0]} among them"
         references = replace(references, why=references.why + left_out)
     parts.append(references)

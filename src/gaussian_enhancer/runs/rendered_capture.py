@@ -44,11 +44,10 @@ class SplatRenderer:
 
     def sees(self, camera: Camera) -> bool:
         """Whether the centre of a Gaussian lies in a camera's image."""
-        on_device = camera.to(self.gaussians.means)
-        points = self.gaussians.means @ on_device.rotation.T + on_device.world_to_camera[:3, 3]
-        points = points[points[:, 2] > self.near] @ on_device.K.T
-        x, y = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
-        return bool(((x >= 0) & (x <= camera.width) & (y >= 0) & (y <= camera.height)).any())
+        from gaussian_enhancer.splat.fit.geometry import seen_from
+
+        depth, inside = seen_from(camera.to(self.gaussians.means), self.gaussians.means)
+        return bool((inside & (depth > self.near)).any())
 
     def target(self, name: str, camera: Camera | None, photo: Photo | None = None) -> RenderedView:
         """Create a target whose render is computed when it is read.

@@ -107,12 +107,12 @@ def _by_stem(folder: Path) -> dict[str, tuple[str, Path]]:
 
     Endings are ignored because folders such as ``images_4`` may hold another image format than the model names.
     """
-    smaller = sorted(path.name for path in folder.parent.glob(f"{folder.name}_*") if path.is_dir())
-    if smaller and not folder.is_dir():
-        raise InputError(folder, "is no folder", f"use scene=colmap scene.images={smaller[0]}")
     paths = _walk(folder) if folder.is_dir() else ()
     files = sorted(p for p in paths if p.suffix.lower() in ENDINGS and not p.name.startswith("."))
     if not files:
+        others = sorted(path.name for path in folder.parent.glob(f"{folder.name}_*") if path.is_dir())
+        if others and not folder.is_dir():
+            raise InputError(folder, "is no folder", f"use scene=colmap scene.images={others[0]}")
         list_images(folder)  # raises the error for a missing folder, or one without images
     photos: dict[str, tuple[str, Path]] = {}
     for file in files:
