@@ -25,7 +25,7 @@ from gaussian_enhancer.infer.change_confidence import (
 )
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
-from gaussian_enhancer.infer.super_resolution import upsample_where_unseen
+from gaussian_enhancer.infer.super_resolution import limit_finer_scales
 from gaussian_enhancer.infer.weights import Pretrained, load_weights, save_weights
 from gaussian_enhancer.network.cascade import Cascade
 from gaussian_enhancer.network.colour_clamping import clamp_to_references
@@ -190,10 +190,10 @@ def test_super_resolution_limits_the_change_before_the_finer_scales():
         means, details = split_change(first - seen.render)
         for shares in ((1.0, 1.0), (0.5, 0.25), (1.0, 0.0)):
             image = (seen.render + shares[0] * means + shares[1] * details).clamp(0, 1)
-            finer = upsample_where_unseen(cascade.second(replace(seen, render=image)), image, seen.visibility)
+            finer = limit_finer_scales(cascade.second(replace(seen, render=image)), image, seen)
             torch.testing.assert_close(enhanced(judging(*shares)), finer.clamp(0, 1), rtol=0, atol=1e-5)
             assert float((finer - upsample_bicubic(image, 4)).abs().max()) > 0.01
-        finer = upsample_where_unseen(cascade.second(replace(seen, render=first)), first, seen.visibility)
+        finer = limit_finer_scales(cascade.second(replace(seen, render=first)), first, seen)
     torch.testing.assert_close(enhanced(None), finer.clamp(0, 1), rtol=0, atol=1e-5)
 
 
