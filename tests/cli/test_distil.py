@@ -195,6 +195,16 @@ def patched_build(capture: Scene):
     return lambda node: capture if "open_capture" in str(node.get("_target_")) else build(node)
 
 
+def test_a_splat_outside_the_training_views_is_refused(fitted, words, tmp_path):
+    moved = tmp_path / "moved"
+    shutil.copytree(fitted, moved)
+    gaussians = read_ply(fitted / "splat.ply")
+    write_ply(moved / "splat.ply", replace(gaussians, means=gaussians.means + 50))
+    with pytest.raises(InputError, match=r"splat\.ply: has no Gaussian in any view of moved"):
+        run(configured(*words, f"run={moved}", f"output={tmp_path / 'better'}"))
+    assert not (tmp_path / "better").exists()
+
+
 def test_pruning_alone_needs_no_weights_and_takes_the_floater(fitted, words, tmp_path, capsys):
     clean = read_ply(fitted / "splat.ply")
     floater = replace(

@@ -1,5 +1,6 @@
 """The job video on a small run of a textured plane, whose splat is a sheet of coloured Gaussians."""
 
+import dataclasses
 import itertools
 import json
 import shutil
@@ -10,9 +11,11 @@ import torch
 
 from gaussian_enhancer.cli.video import run
 from gaussian_enhancer.errors import INTERRUPTED, InputError
+from gaussian_enhancer.runs.splat_source import open_capture
 from gaussian_enhancer.scene.photos import read_photo
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Photo, Scene
+from gaussian_enhancer.splat.io.ply import read_ply, write_ply
 from gaussian_enhancer.video.film import Film
 from support.bright_weights import write_bright_weights
 from support.clips import heard, write_clip
@@ -139,6 +142,20 @@ def test_a_splat_and_its_capture_along_a_path_of_nerfstudio(sheet_run, weights, 
     assert [len(one) for one in frames] == [3, 3]
     assert all(torch.equal(image, frames[1][name]) for name, image in frames[0].items())
     assert not list(tmp_path.glob(".*"))
+
+
+def test_a_splat_outside_the_views_of_its_capture_is_refused(sheet_run, weights, tmp_path):
+    moved = tmp_path / "moved"
+    shutil.copytree(sheet_run, moved)
+    gaussians = read_ply(sheet_run / "splat.ply")
+    write_ply(moved / "splat.ply", dataclasses.replace(gaussians, means=gaussians.means + 50))
+    for job in ("video", "view"):
+        cfg = job_config(job, f"run={moved}", f"weights={weights}", *QUIET)
+        with pytest.raises(InputError, match=r"splat\.ply: has no Gaussian in any view of moved; give the splat in"):
+            open_capture(cfg, job).renderer(cfg, "cpu")
+    with pytest.raises(InputError, match="has no Gaussian in any view"):
+        run(configured(f"run={moved}", f"weights={weights}", f"runs={tmp_path / 'runs'}"))
+    assert not (tmp_path / "runs").exists()
 
 
 def test_another_path_of_the_same_name_is_another_run(sheet_run, weights, tmp_path):

@@ -16,7 +16,6 @@ import numpy as np
 import torch
 from test_compressed_ply import elements
 from test_compressed_ply import write as write_compressed
-from test_gsplat_results import saved as save_checkpoint
 from test_opensfm import write_opensfm
 from test_sif import trained
 from test_spz import attributes, header, packed
@@ -37,6 +36,7 @@ from gaussian_enhancer.splat.methods import ThreeDGS
 from gaussian_enhancer.splat.render import render
 from gaussian_enhancer.types import Camera, Gaussians, identity_camera
 from support.captures_on_disk import colmap_to_binary, write_camera_path, write_colmap, write_transforms
+from support.foreign_splats import write_checkpoint
 from support.synthetic_runs import write_plane_run
 
 CAMERA = ("fl_x", "fl_y", "cx", "cy", "w", "h", "width", "height", "fx", "fy", "focal", "k1", "camera_angle_x")
@@ -322,7 +322,7 @@ READERS: dict[str, Reader] = {
     "compressed_ply": splat_reader(lambda folder: write_compressed(folder / "a", elements(40)), of_ply),
     "spz": splat_reader(lambda folder: (folder / "a").write_bytes(packed(3, 1, attributes(3, 1))), of_spz),
     "spz4": splat_reader(lambda folder: (folder / "a").write_bytes(packed(4, 1, attributes(4, 1))), of_spz4),
-    "gsplat_checkpoint": splat_reader(lambda folder: save_checkpoint(folder / "a", splat()), plain(broken_bytes)),
+    "gsplat_checkpoint": splat_reader(lambda folder: write_checkpoint(folder / "a", splat()), plain(broken_bytes)),
     "depth_npy": depth_reader("a.npy", of_npy),
     "depth_npz": depth_reader("a.npz", of_npz),
     "depth_png": depth_reader("a.png", plain(broken_bytes)),

@@ -80,6 +80,16 @@ def test_exif_orientation_is_not_applied(tmp_path):
     assert decode(tmp_path / "a.jpg").shape == (3, 5, 7)
 
 
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("compression", [None, "tiff_lzw"])
+def test_tiff_is_not_turned_by_its_orientation(tmp_path, orientation, compression):
+    values = noise(5, 7, 3)
+    file = tmp_path / "a.tif"
+    Image.fromarray(values).save(file, tiffinfo={274: orientation}, compression=compression)
+    assert read_header(file).size == (5, 7)
+    torch.testing.assert_close(decode(file), torch.from_numpy(values).permute(2, 0, 1) / 255)
+
+
 def test_resize_equals_pil_up_to_its_rounding(tmp_path):
     values = noise(40, 60, 3)
     expected = np.asarray(Image.fromarray(values).resize((20, 10), Image.Resampling.BICUBIC)) / 255

@@ -185,6 +185,14 @@ def test_bare_renders_with_references_of_their_own_and_no_truth(tmp_path):
     assert all(v.read_photo is None for v in found.targets)
 
 
+@pytest.mark.parametrize(("factor", "fine"), [(1, False), (2, True)])
+def test_photos_of_references_are_fine_photos_only_if_one_is_larger_than_the_renders(tmp_path, factor, fine):
+    write_bare(tmp_path)
+    save(tmp_path / "photos/r_4.jpg", np.full((factor * HEIGHT, factor * WIDTH), 0.4))
+    found = read_folder(tmp_path / "renders", tmp_path / "photos", finer=True)
+    assert [view.read_fine_photo is not None for view in found.references] == [fine, fine]
+
+
 def test_bare_renders_with_depth_and_cameras(tmp_path, scene):
     write_scene_cameras(tmp_path / "cameras.json", scene)
     (tmp_path / "depth").mkdir()
@@ -266,6 +274,17 @@ def test_a_run_of_3dgs_without_training_views_says_what_to_give(tmp_path, scene)
     pair = tmp_path / "run/test/ours_7000"
     with pytest.raises(InputError, match=r"scene=capture scene\.path=/data/garden"):
         read_folder(pair / "renders", pair / "gt")
+
+
+@pytest.mark.parametrize("arguments", [True, False])
+def test_a_run_of_3dgs_without_renders_says_how_to_give_its_splat(tmp_path, arguments):
+    run = tmp_path / "run"
+    (run / "point_cloud/iteration_7000").mkdir(parents=True)
+    if arguments:
+        (run / "cfg_args").write_text("Namespace(sh_degree=3, source_path='/data/garden')")
+    capture = "/data/garden" if arguments else "CAPTURE"
+    with pytest.raises(InputError, match=rf"gaussians={run} scene=capture scene\.path={capture}"):
+        read_run(run)
 
 
 def test_renders_alone_have_nothing_to_refer_to(tmp_path):

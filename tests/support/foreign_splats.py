@@ -5,6 +5,7 @@ Layouts are those of gsplat's exporter, nerfstudio's ns-export, Brush's exporter
 3DGS's properties, without normals since 2025 (an issue of a Unity plug-in says so).
 """
 
+from collections import OrderedDict
 from pathlib import Path
 
 import numpy as np
@@ -88,3 +89,22 @@ def write(path: Path, gaussians: Gaussians, names: tuple[str, ...], comments: tu
     values = columns(gaussians)
     body = np.stack([values[name] for name in names], axis=1).astype("<f4").tobytes()
     path.write_bytes("\n".join(head).encode() + body)
+
+
+def write_checkpoint(path: Path, gaussians: Gaussians, **changes: object) -> None:
+    """A checkpoint as ``torch.save({"step": step, "splats": self.splats.state_dict()}, path)`` leaves it."""
+    splats: OrderedDict[str, object] = OrderedDict(
+        means=gaussians.means,
+        scales=gaussians.log_scales,
+        quats=gaussians.quaternions,
+        opacities=gaussians.opacity_logits,
+        sh0=gaussians.sh[:, :1].contiguous(),
+        shN=gaussians.sh[:, 1:].contiguous(),
+    )
+    splats.update(changes)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    torch.save({"step": 29999, "splats": OrderedDict((k, v) for k, v in splats.items() if v is not None)}, path)
+
+
+def same(found: Gaussians, expected: Gaussians) -> bool:
+    return all(torch.equal(getattr(found, name), getattr(expected, name)) for name in FIELDS)

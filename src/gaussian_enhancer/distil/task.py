@@ -20,13 +20,13 @@ from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.validated_inputs import validate_inputs
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.runs.instantiate import build
-from gaussian_enhancer.runs.rendered_capture import SplatRenderer, open_renderer
+from gaussian_enhancer.runs.rendered_capture import SplatRenderer, open_renderer, refuse_unseen
 from gaussian_enhancer.runs.splat_source import splat_file
 from gaussian_enhancer.runs.video import file_digest
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Photo, Scene
-from gaussian_enhancer.splat.io.gsplat_results import find_splat
+from gaussian_enhancer.splat.io.result_folders import find_splat
 from gaussian_enhancer.splat.io.small_files import check_format
 from gaussian_enhancer.types import Gaussians
 
@@ -168,13 +168,15 @@ def distil_task(
         file_format: format of the result: "ply", "compressed" or "spz".
 
     Raises:
-        InputError: the capture lacks photos or cameras, or the splat cannot be read, rendered or stored in the format.
+        InputError: the capture lacks photos or cameras, or the splat cannot be read, rendered or stored in the format,
+            or lies outside the training views.
     """
     training_cameras = [photo.camera for photo in capture.train_photos if photo.camera is not None]
     if len(training_cameras) < len(capture.train) or len(training_cameras) < 2:
         received = f"has {len(training_cameras)} training photos with a camera of {len(capture.train)}"
         raise InputError(capture.name, received, "give a capture of at least two photos, all with cameras")
     renderer = open_renderer(splat, training_cameras, capture.background, method, device.type, invalid)
+    refuse_unseen(renderer, training_cameras, splat, capture.name)
     if file_format != "ply":
         check_format(file_format, renderer.gaussians)
     renderer(training_cameras[0].resized(8, 8))

@@ -3,7 +3,7 @@
 Axes: h height, w width.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -113,6 +113,23 @@ def open_renderer(
     return SplatRenderer(gaussians, choose_method(method, gaussians), background, near_plane(cameras))
 
 
+def refuse_unseen(renderer: SplatRenderer, cameras: Iterable[Camera], file: object, views: str) -> None:
+    """Refuse a splat that lies outside the views of its capture, whose renders would be empty.
+
+    Args:
+        renderer: renderer of the splat.
+        cameras: cameras of the views.
+        file: the splat, named in the error.
+        views: the views, named in the error.
+
+    Raises:
+        InputError: no camera sees a Gaussian.
+    """
+    if not any(map(renderer.sees, cameras)):
+        remedy = "give the splat in the coordinates of its capture, as it was fitted: neither moved nor scaled"
+        raise InputError(file, f"has no Gaussian in any view of {views}", remedy)
+
+
 def render_capture(
     file: str | Path, capture: Scene, method: str, views: str, device: str = "cpu", invalid: str = "refuse"
 ) -> RenderedSet:
@@ -138,10 +155,8 @@ def render_capture(
     if not photos[views]:
         raise InputError(capture.name, f"has no {views} view", "change the split, or views=all")
     targets = tuple(renderer.target(png_name(photo.name), photo.camera, photo) for photo in photos[views])
-    if not any(renderer.sees(target.camera) for target in targets if target.camera is not None):
-        received = f"has no Gaussian in any view of {capture.name} that is to be enhanced"
-        remedy = "give the splat in the coordinates of its capture, as it was fitted: neither moved nor scaled"
-        raise InputError(file, received, remedy)
+    target_cameras = [target.camera for target in targets if target.camera is not None]
+    refuse_unseen(renderer, target_cameras, file, f"{capture.name} that is to be enhanced")
     references = tuple(map(renderer.reference, capture.train_photos))
     return RenderedSet(capture.name, targets, references, capture.background, own_depth=True)
 

@@ -1,6 +1,5 @@
 """A splat with the capture that it was fitted to, read from a run's folder or from a splat file and its scene."""
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,11 +8,11 @@ from omegaconf import DictConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.arguments import only_given
 from gaussian_enhancer.runs.instantiate import build
-from gaussian_enhancer.runs.rendered_capture import SplatRenderer, open_renderer
+from gaussian_enhancer.runs.rendered_capture import SplatRenderer, open_renderer, refuse_unseen
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Scene
-from gaussian_enhancer.splat.io.gsplat_results import find_splat
+from gaussian_enhancer.splat.io.result_folders import find_splat, latest_iteration
 from gaussian_enhancer.types import Camera
 
 
@@ -43,14 +42,16 @@ class Capture:
             splat: another splat of the same capture; None uses the capture's own.
 
         Raises:
-            InputError: the splat cannot be read, or the method is unknown.
+            InputError: the splat cannot be read or lies outside the capture's views, or the method is unknown.
         """
         if self.scene is None:
             training = [view.camera for view in self.rendered.references if view.camera is not None]
         else:
             training = [photo.camera for photo in self.scene.train_photos if photo.camera is not None]
         file = self.splat if splat is None else splat
-        return open_renderer(file, training, self.rendered.background, cfg.method, device, cfg.invalid)
+        renderer = open_renderer(file, training, self.rendered.background, cfg.method, device, cfg.invalid)
+        refuse_unseen(renderer, self.cameras, file, self.rendered.name)
+        return renderer
 
     def references_rendered_by(self, renderer: SplatRenderer) -> RenderedSet:
         """The references; if the capture has no renders of them, they are rendered from the splat.
@@ -91,15 +92,11 @@ def splat_file(run: str | Path) -> Path:
     project_file = Path(run) / "splat.ply"
     if project_file.is_file():
         return project_file
-    files_by_iteration = {
-        int(match[1]): path
-        for path in Path(run).glob("point_cloud/iteration_*/point_cloud.ply")
-        if (match := re.fullmatch(r"iteration_(\d+)", path.parent.name))
-    }
-    if not files_by_iteration:
+    latest = latest_iteration(Path(run))
+    if latest is None:
         received = "holds neither splat.ply nor point_cloud/iteration_*/point_cloud.ply"
         raise InputError(run, received, "name a run's folder, or give gaussians=FILE with scene=...")
-    return files_by_iteration[max(files_by_iteration)]
+    return latest
 
 
 def _capture_of_run(cfg: DictConfig) -> Capture:

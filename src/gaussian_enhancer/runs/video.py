@@ -32,7 +32,7 @@ from gaussian_enhancer.scene.camera_path import (
 )
 from gaussian_enhancer.scene.path import smooth_path
 from gaussian_enhancer.scene.path_files import read_path
-from gaussian_enhancer.splat.io.gsplat_results import find_splat
+from gaussian_enhancer.splat.io.result_folders import find_splat
 from gaussian_enhancer.types import Camera
 from gaussian_enhancer.video.clip import Clip
 from gaussian_enhancer.video.encode import CODECS, Encoding

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import torch
 from jaxtyping import Float, Integer
-from PIL import Image
+from PIL import ExifTags, Image
+from PIL.Image import Transpose
 from torch import Tensor
 from torch.nn import functional
 
@@ -24,6 +25,16 @@ FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
 """Formats that Pillow may detect, whatever the ending; other formats call programs (EPS) or are rarely tested."""
 PIXEL_BYTES = 48
 """Memory per pixel during decoding: four channels as stored, as float32 and transposed; the composited pixel."""
+UNDO_ORIENTATION = {
+    2: Transpose.FLIP_LEFT_RIGHT,
+    3: Transpose.ROTATE_180,
+    4: Transpose.FLIP_TOP_BOTTOM,
+    5: Transpose.TRANSPOSE,
+    6: Transpose.ROTATE_90,
+    7: Transpose.TRANSVERSE,
+    8: Transpose.ROTATE_270,
+}
+"""For each EXIF orientation the transposition that undoes Pillow's."""
 REPLACE = "replace the file by an intact copy"
 
 
@@ -74,8 +85,9 @@ def read_header(path: Path) -> ImageHeader:
     Raises:
         InputError: the file is missing, empty, not an image, or larger than the limit.
     """
-    with open_image(path) as image:
-        return ImageHeader(image.height, image.width, _has_alpha(image))
+    with open_image(path) as image, convert_decoder_errors(path, REPLACE):
+        width, height = image.size if _tiff_orientation(image) < 5 else image.size[::-1]
+        return ImageHeader(height, width, _has_alpha(image))
 
 
 def decode(path: Path) -> Float[Tensor, "c h w"]:
@@ -174,6 +186,21 @@ def open_image(path: Path) -> Image.Image:
     return image
 
 
+def _as_stored(image: Image.Image) -> Image.Image:
+    """The pixels as the file stores them. Pillow turns a TIFF by its EXIF orientation; this turns it back.
+
+    Args:
+        image: an image of `open_image`. Its pixels must not have been read, since that removes the orientation.
+    """
+    undo = UNDO_ORIENTATION.get(_tiff_orientation(image))
+    return image if undo is None else image.transpose(undo)
+
+
+def _tiff_orientation(image: Image.Image) -> int:
+    """The EXIF orientation by which Pillow turns the pixels: 1 (none) to 8; from 5 on, height and width are swapped."""
+    return image.getexif().get(ExifTags.Base.Orientation, 1) if image.format == "TIFF" else 1
+
+
 def _has_alpha(image: Image.Image) -> bool:
     return "A" in image.getbands() or "transparency" in image.info
 
@@ -196,6 +223,7 @@ def _read_16_bit_png(path: Path) -> Float[Tensor, "c h w"]:
 
 
 def _convert_to_float(path: Path, image: Image.Image) -> Float[Tensor, "c h w"]:
+    image = _as_stored(image)
     if image.mode.startswith("I"):
         values = np.asarray(image).astype(np.int64)
         if values.min() < 0 or values.max() > 65535:

@@ -118,7 +118,8 @@ def read_folder(
         depth_scale: scene units per stored unit of depth.
         background: colour under transparent images.
         name: the set's name; the folder's where empty.
-        finer: accept photos at 4 times the renders' resolution, and provide them as ``read_fine_photo`` as well.
+        finer: accept ground truth at 4 times the renders' resolution. It and the photos of all references, if one of
+            them has more pixels than the first render, are provided as ``read_fine_photo`` as well.
 
     Raises:
         InputError: there are no renders or no references, the sizes of render, photo or depth differ, or a view has no
@@ -144,7 +145,7 @@ def read_folder(
         reference_views = tuple(
             _reference(p, named_cameras, depths, depth_scale, cameras_file, background) for p in reference_files
         )
-    if finer:
+    if finer and any(_is_larger(view.read_photo, targets[0].read) for view in reference_views):
         reference_views = tuple(replace(view, read_fine_photo=view.read_photo) for view in reference_views)
     if not reference_views:
         if photos is None:
@@ -155,15 +156,15 @@ def read_folder(
             return read_run(run, step, background=background, name=name)
         received = f"leaves no photo to refer to: {photos} holds the renders' own photos alone"
         remedy = "name a folder of the capture's other photos with references="
-        raise InputError(root, received, remedy if run is None else f"{remedy}, or {_remedy(run)}")
+        raise InputError(root, received, remedy if run is None else f"{remedy}, or run={run} {_scene_options(run)}")
     return RenderedSet(name or root.resolve().name, tuple(targets), reference_views, background)
 
 
-def _remedy(run: Path) -> str:
-    """Remedy for a 3DGS run without training views: options that name the capture found in ``cfg_args``."""
+def _scene_options(run: Path) -> str:
+    """Options that name the capture of a 3DGS run, as found in ``cfg_args``."""
     arguments = run / "cfg_args"
     match = re.search(r"source_path='([^']+)'", read_text(arguments)) if arguments.is_file() else None
-    return f"run={run} scene=capture scene.path={match[1] if match else 'CAPTURE'}"
+    return f"scene=capture scene.path={match[1] if match else 'CAPTURE'}"
 
 
 def _step(root: Path, step: int | None) -> int:
@@ -172,7 +173,10 @@ def _step(root: Path, step: int | None) -> int:
     os.scandir(root).close()  # raises for an unreadable folder, which glob treats as empty
     steps = run_steps(root)
     if not steps:
-        raise InputError(root, "holds no test/ours_<step>/renders", "name a fitted run's folder with held-out renders")
+        remedy = "name a fitted run's folder with held-out renders"
+        if (root / "point_cloud").is_dir():
+            remedy += f", or render its splat: gaussians={root} {_scene_options(root)}"
+        raise InputError(root, "holds no test/ours_<step>/renders", remedy)
     if step is not None and step not in steps:
         raise InputError(root, f"has no renders of step {step}", f"choose one of {', '.join(map(str, steps))}")
     return steps[-1] if step is None else step
@@ -319,6 +323,15 @@ def _reference(
         depth,
         None,
         ReadPhoto(path, *size, background),
+    )
+
+
+def _is_larger(photo: object, render: object) -> bool:
+    """Whether a photo has more pixels than a render. Both are readers of files, which hold the size."""
+    return (
+        isinstance(photo, ReadPhoto)
+        and isinstance(render, ReadPhoto)
+        and photo.height * photo.width > render.height * render.width
     )
 
 

@@ -34,31 +34,6 @@ SHAPES: Mapping[str, tuple[int | None, ...]] = {
 _REMEDY = "give the .ply that simple_trainer writes with --save-ply"
 
 
-def find_splat(path: str | Path) -> Path:
-    """Return a file's path unchanged; of a result folder, the latest step's .ply, or its checkpoint without a .ply.
-
-    Args:
-        path: a splat's file, or simple_trainer's ``result_dir``.
-
-    Raises:
-        InputError: the folder holds neither, or cannot be read.
-    """
-    folder = Path(path)
-    with convert_read_errors(folder):
-        if not folder.is_dir():
-            return folder
-    candidates = [
-        (int(match[1]), subfolder == "ply", path)
-        for subfolder, pattern in (("ckpts", CHECKPOINT), ("ply", PLY))
-        for path in folder.glob(f"{subfolder}/*")
-        if (match := pattern.fullmatch(path.name)) and match.groups()[1:] in ((), ("0",))
-    ]
-    if not candidates:
-        received = "is a folder without ply/point_cloud_STEP.ply and ckpts/ckpt_STEP_rank0.pt"
-        raise InputError(folder, received, "name the splat's file, or gsplat's result folder")
-    return max(candidates)[2]
-
-
 def refuse_normalised(splat: str | Path) -> None:
     """Raise an error for a result folder whose splat is in other coordinates than its capture.
 

@@ -5,8 +5,9 @@ from pathlib import Path
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.input_files import convert_read_errors, regular_file
 from gaussian_enhancer.splat.io.compressed_ply import read_compressed_ply
-from gaussian_enhancer.splat.io.gsplat_results import find_splat, read_gsplat_checkpoint
+from gaussian_enhancer.splat.io.gsplat_results import read_gsplat_checkpoint
 from gaussian_enhancer.splat.io.ply import read_ply
+from gaussian_enhancer.splat.io.result_folders import find_splat
 from gaussian_enhancer.splat.io.spz import GZIP_MAGIC, MAGIC, read_spz
 from gaussian_enhancer.types import Gaussians
 
@@ -18,7 +19,7 @@ def read_splat(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
     """Read a splat: 3DGS .ply (also of 2DGS and Mip-Splatting), PlayCanvas compressed .ply, Niantic .spz or gsplat.
 
     Args:
-        path: the file, or the result folder of gsplat's simple_trainer, from which the latest splat is read.
+        path: the file, or a result folder of 3DGS or gsplat's simple_trainer, from which the latest splat is read.
         invalid: what to do with Gaussians that cannot be rendered: "refuse" or "drop".
 
     Raises:
