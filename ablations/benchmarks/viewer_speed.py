@@ -98,7 +98,7 @@ def browsing(address: str) -> Iterator[Any]:
         driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(executable_path=DRIVER))
         try:
             driver.get(address)
-            settled(driver)
+            wait_until_idle(driver)
             yield driver
         finally:
             driver.quit()
@@ -106,16 +106,16 @@ def browsing(address: str) -> Iterator[Any]:
 
 def status(driver: Any) -> tuple[int, int, int, int] | None:
     """Status of the page: milliseconds of the last picture, its width and height, and its number."""
-    return stated(driver.execute_script("return document.body.textContent"))  # needs no layout, unlike innerText
+    return parse_status(driver.execute_script("return document.body.textContent"))  # needs no layout, unlike innerText
 
 
-def stated(text: str) -> tuple[int, int, int, int] | None:
+def parse_status(text: str) -> tuple[int, int, int, int] | None:
     """Parse milliseconds, width, height and number of a picture from a page's text; None where they are missing."""
     match = STATUS.search(text)
     return None if match is None else tuple(map(int, match.groups()))  # type: ignore[return-value]
 
 
-def settled(driver: Any, seconds: float = 5.0) -> None:
+def wait_until_idle(driver: Any, seconds: float = 5.0) -> None:
     """Wait until the page's picture has not changed for some seconds.
 
     Raises:
@@ -137,7 +137,7 @@ def processor_seconds(process: int) -> float:
     return float(sum(sum(member.cpu_times()[:2]) for member in family))
 
 
-def dragged(driver: Any, job: int, seconds: float) -> dict[str, Any]:
+def drag_camera(driver: Any, job: int, seconds: float) -> dict[str, Any]:
     """Drag the camera back and forth and count the pictures that arrive."""
     from selenium.webdriver import ActionChains
 
@@ -179,7 +179,7 @@ def words_of(cfg: DictConfig) -> list[str]:
     return [*overrides, *([f"runtime.threads={threads}"] if threads is not None else []), *cfg.overrides]
 
 
-def pictured(driver: Any, path: str) -> None:
+def save_screenshot(driver: Any, path: str) -> None:
     """Write a picture of the page.
 
     Raises:
@@ -191,7 +191,7 @@ def pictured(driver: Any, path: str) -> None:
         picture.save(temporary, format="JPEG", quality=85, optimize=True)
 
 
-def quoted(text: str) -> str:
+def quote(text: str) -> str:
     """Quote a value of an override, which may contain Hydra's special characters."""
     return "'" + text.replace("'", "\\'") + "'"
 
@@ -204,16 +204,16 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
     """
     refuse_without_browser()
     words, load = words_of(cfg), os.getloadavg()[0]
-    overrides = [f"run={quoted(cfg.run)}", f"show={cfg.show}", f"width={cfg.width}", f"moving_width={cfg.width}"]
+    overrides = [f"run={quote(cfg.run)}", f"show={cfg.show}", f"width={cfg.width}", f"moving_width={cfg.width}"]
 
     def draw() -> None:
         with viewing([*overrides, *words]) as (address, _), browsing(address) as driver:
-            pictured(driver, cfg.picture)
+            save_screenshot(driver, cfg.picture)
 
     def measure(run: str) -> Iterator[dict[str, object]]:
         about = {"run": run, "show": cfg.show, "width": cfg.width, "options": " ".join(words)}
         with viewing([*overrides, *words]) as (address, job), browsing(address) as driver:
-            pictures = dragged(driver, job, float(cfg.seconds))
+            pictures = drag_camera(driver, job, float(cfg.seconds))
         yield {**about, **pictures, "cores": len(os.sched_getaffinity(0)), "load_before": round(load, 2)}
 
     keys = ("run", "show", "width", "options")

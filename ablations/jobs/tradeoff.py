@@ -51,17 +51,19 @@ def studies(cfg: DictConfig, device: torch.device) -> list[Study[str]]:
         raise InputError("kind", f"is {cfg.kind!r}", f"choose {', '.join(KINDS)} or all")
     limits = TradeoffLimits(decibels(cfg.tradeoff.within), milliseconds(cfg.tradeoff.budget_ms))
     compared = read_studies(cfg)
-    measure = partial(measured, cfg, compared, device)
+    measure_kind = partial(measure, cfg, compared, device)
     kinds = () if cfg.records_only else KINDS if cfg.kind == "all" else (cfg.kind,)
     folder = output_path(cfg)
-    measured_studies = [Study((kind,), measure, records=folder / f"{kind}.jsonl", replaces_file=True) for kind in kinds]
-    return [*measured_studies, Study((), measure, report=lambda: reported(cfg, compared, limits))]
+    measured_studies = [
+        Study((kind,), measure_kind, records=folder / f"{kind}.jsonl", replaces_file=True) for kind in kinds
+    ]
+    return [*measured_studies, Study((), measure_kind, report=lambda: write_report(cfg, compared, limits))]
 
 
 run = job(studies)
 
 
-def measured(cfg: DictConfig, compared: Sequence[TradeoffStudy], device: torch.device, kind: str) -> Iterator[Record]:
+def measure(cfg: DictConfig, compared: Sequence[TradeoffStudy], device: torch.device, kind: str) -> Iterator[Record]:
     """The records of a kind, measured now.
 
     Args:
@@ -84,7 +86,7 @@ def measured(cfg: DictConfig, compared: Sequence[TradeoffStudy], device: torch.d
                 yield from study_records(cfg, study, loader, distances, CONSOLE)
 
 
-def reported(cfg: DictConfig, compared: Sequence[TradeoffStudy], limits: TradeoffLimits) -> None:
+def write_report(cfg: DictConfig, compared: Sequence[TradeoffStudy], limits: TradeoffLimits) -> None:
     """Write diagrams, the page, and, on request, the presets.
 
     Args:
@@ -101,12 +103,12 @@ def reported(cfg: DictConfig, compared: Sequence[TradeoffStudy], limits: Tradeof
     paths = list(write_pages(Path(cfg.markdown), folder, records, titles, limits))
     if cfg.settings:
         paths.append(Path(cfg.settings))
-        write_presets(paths[-1], offered(compared, records.get("quality", ())))
+        write_presets(paths[-1], choose_presets(compared, records.get("quality", ())))
     for path in paths:
         print_line(CONSOLE, str(path))
 
 
-def offered(studies: Sequence[TradeoffStudy], records: Iterable[Record]) -> tuple[Preset, ...]:
+def choose_presets(studies: Sequence[TradeoffStudy], records: Iterable[Record]) -> tuple[Preset, ...]:
     """The Pareto front, on validation scenes, of the settings that the job enhance has options for.
 
     Args:

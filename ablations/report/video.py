@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 
 from ablations.report.readme import insert_between_marks
-from ablations.scripts.flicker import compared
+from ablations.scripts.flicker import compare_variants
 from ablations.study.markdown import markdown
 from ablations.study.row_table import read_layout, row_table
 from ablations.study.rows import RowFile, frame_of
@@ -52,7 +52,7 @@ def flicker_table(records: Sequence[Record]) -> str:
     Args:
         records: of the job ``flicker``.
     """
-    comparison = compared(frame_of(records))
+    comparison = compare_variants(frame_of(records))
     return markdown(row_table(comparison[comparison["variant"] != "change"], read_layout("flicker_path")))
 
 

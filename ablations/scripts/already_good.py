@@ -40,7 +40,7 @@ ALLOWED = 0.02
 """dB that passing blocks through may cost."""
 
 
-def measured(fit: Path, count: int, pretrained: Pretrained, device: torch.device | None = None) -> Iterator[Record]:
+def measure_fit(fit: Path, count: int, pretrained: Pretrained, device: torch.device | None = None) -> Iterator[Record]:
     """One record a view: share of blocks that each order may pass through at a loss of `ALLOWED`, and remaining box."""
     rendered = read_run(fit)
     targets = rendered.targets[:: max(1, len(rendered.targets) // count)][:count]
@@ -51,18 +51,18 @@ def measured(fit: Path, count: int, pretrained: Pretrained, device: torch.device
         if view.read_photo is None or result.plan is None:
             continue
         target, photo = read_target(view), view.read_photo()
-        before, after = (blocks(((quantise_8_bit(i) - photo) ** 2).mean(0)) for i in (target.image, result.image))
+        before, after = (block_means(((quantise_8_bit(i) - photo) ** 2).mean(0)) for i in (target.image, result.image))
         references = [planner.pool.read(index, False) for index in planner.reference_indices(result.plan) or ()]
-        orders = {"predicted": predicted(coarsen(target), references, before.shape), "bound": before - after}
+        orders = {"predicted": predict_gain(coarsen(target), references, before.shape), "bound": before - after}
         metrics: dict[str, float | None] = {}
         for name, order in orders.items():
             passed = passable(order, before - after, float(after.mean()))
-            metrics |= {f"passed by {name}": float(passed.float().mean()), f"box by {name}": box(~passed)}
+            metrics |= {f"passed by {name}": float(passed.float().mean()), f"box by {name}": bounding_share(~passed)}
         height, width = target.image.shape[-2:]
         yield Record("already_good", fit.name, scene_of(fit), "3dgs", view.name, "", metrics, {}, (width, height))
 
 
-def predicted(target: LoadedView, references: list[LoadedView], shape: torch.Size) -> Tensor:
+def predict_gain(target: LoadedView, references: list[LoadedView], shape: torch.Size) -> Tensor:
     """The largest error that a reference shows for each block; infinite where none sees most of it."""
     worst = torch.full(shape, -1.0)
     for reference in references:
@@ -90,7 +90,7 @@ def passable(order: Tensor, gain: Tensor, remaining: float) -> Tensor:
     return passed.view(gain.shape)
 
 
-def box(needed: Tensor) -> float:
+def bounding_share(needed: Tensor) -> float:
     """Area of the smallest rectangle around the needed blocks, as a share of the image."""
     sides = [needed.any(axis).nonzero()[:, 0] for axis in (0, 1)]
     if not len(sides[0]):
@@ -98,7 +98,7 @@ def box(needed: Tensor) -> float:
     return float(math.prod(int(side[-1] - side[0]) + 1 for side in sides) / needed.numel())
 
 
-def blocks(values: Tensor) -> Tensor:
+def block_means(values: Tensor) -> Tensor:
     """Mean over each block."""
     return F.avg_pool2d(values[None, None], BLOCK, ceil_mode=True)[0, 0]
 
@@ -112,7 +112,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
     fits = finished_fits(cfg.runs)
     refuse_frozen(fits, "chosen by")
     pretrained = load_weights(cfg.weights)
-    return Study(fits, lambda fit: measured(fit, cfg.views, pretrained, device))
+    return Study(fits, lambda fit: measure_fit(fit, cfg.views, pretrained, device))
 
 
 run = job(study)

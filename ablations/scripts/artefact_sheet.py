@@ -30,7 +30,7 @@ STRENGTHS = (0.25, 0.5, 1.0)
 QUANTILES = (0.5, 0.95, 0.99)
 
 
-def drawn(view: View, name: str, strengths: Sequence[float], seed: int) -> list[Float[Tensor, "3 h w"]]:
+def simulate_strengths(view: View, name: str, strengths: Sequence[float], seed: int) -> list[Float[Tensor, "3 h w"]]:
     """A view with one type of artefact at rising strengths, all with the same random draw."""
     copies = view[torch.zeros(len(strengths), dtype=torch.int64)]
     generators = [torch.Generator().manual_seed(seed) for _ in strengths]
@@ -39,15 +39,17 @@ def drawn(view: View, name: str, strengths: Sequence[float], seed: int) -> list[
     return list(degraded.image.clamp(0, 1))
 
 
-def plainest(view: View, crop: Crop, name: str, side: int, draws: int) -> list[Tensor]:
+def plainest_crop(view: View, crop: Crop, name: str, side: int, draws: int) -> list[Tensor]:
     """Crops at rising strengths, for the draw that changes this place most."""
     before = cut(view.image[0], crop.place, (side, side))
 
     def change(seed: int) -> float:
-        return float((cut(drawn(view, name, (1.0,), seed)[0], crop.place, (side, side)) - before).square().mean())
+        return float(
+            (cut(simulate_strengths(view, name, (1.0,), seed)[0], crop.place, (side, side)) - before).square().mean()
+        )
 
     chosen = max(range(draws), key=change)
-    return [cut(image, crop.place, (side, side)) for image in drawn(view, name, STRENGTHS, chosen)]
+    return [cut(image, crop.place, (side, side)) for image in simulate_strengths(view, name, STRENGTHS, chosen)]
 
 
 def sheet_row(
@@ -62,7 +64,7 @@ def sheet_row(
     photo = cut(view.image[0], crop.place, (side, side))
     render = cut(real.target.read(), crop.place, (side, side)) if kind else torch.full_like(photo, 0.98)
     label = f"real: {kind}" if kind else "its error is not measured"
-    return [photo, render, *plainest(view, crop, name, side, draws)], f"{name} ({real.scene}); {label}"
+    return [photo, render, *plainest_crop(view, crop, name, side, draws)], f"{name} ({real.scene}); {label}"
 
 
 def simulated_energies(reals: Sequence[RealRender], name: str, side: int, seeds: int) -> Float[Tensor, "n 6"]:
@@ -76,14 +78,14 @@ def simulated_energies(reals: Sequence[RealRender], name: str, side: int, seeds:
     """
     views = [photographed(real) for real in reals]
     pairs = [
-        (drawn(view, name, (1.0,), 1000 * number + seed)[0], view.image[0])
+        (simulate_strengths(view, name, (1.0,), 1000 * number + seed)[0], view.image[0])
         for number, view in enumerate(views)
         for seed in range(seeds)
     ]
     return energies_of(crops(pairs, (side, side)))
 
 
-def sizes(name: str, real: Tensor, simulated: Tensor) -> dict[str, object]:
+def sheet_metrics(name: str, real: Tensor, simulated: Tensor) -> dict[str, object]:
     """Amplitudes (roots of an energy, in 1/255) of real and simulated crops at some quantiles.
 
     Args:
@@ -137,7 +139,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
     source = {"scenes": sorted({scene_of(fit) for fit in fits}), "crops": len(real_crops)}
 
     def measure(name: str) -> Iterator[dict[str, object]]:
-        yield sizes(name, energies, simulated_energies(reals, name, cfg.side, cfg.seeds)) | source
+        yield sheet_metrics(name, energies, simulated_energies(reals, name, cfg.side, cfg.seeds)) | source
 
     named = {f"{side}_{share:g}": f"{side} {100 * share:g} %" for side in ("real", "simulated") for share in QUANTILES}
     return Study(tuple(KINDS), measure, ("type",), derived=lambda frame: frame.rename(columns=named))

@@ -26,7 +26,7 @@ def name_of(weights: str) -> str:
     return path.parent.name.rpartition("-")[0] or path.stem if path.suffix else weights
 
 
-def loaded(candidates: Sequence[str]) -> dict[str, Pretrained]:
+def load_candidates(candidates: Sequence[str]) -> dict[str, Pretrained]:
     """Load each candidate, by the name of its row.
 
     Raises:
@@ -43,11 +43,11 @@ def loaded(candidates: Sequence[str]) -> dict[str, Pretrained]:
     return by_name
 
 
-def enhancers(candidates: Sequence[str], device: torch.device | None = None) -> dict[str, SetEnhancer]:
+def load_enhancers(candidates: Sequence[str], device: torch.device | None = None) -> dict[str, SetEnhancer]:
     """Each candidate as the job enhance would use it; see `loaded` for what is refused."""
     return {
         name: EnhancementOptions().enhancer(pretrained, pretrained.reference_config, device)
-        for name, pretrained in loaded(candidates).items()
+        for name, pretrained in load_candidates(candidates).items()
     }
 
 
@@ -58,7 +58,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
         InputError: weights or runs cannot be compared, or a run is of a test scene.
     """
     refuse_frozen(finished_fits(cfg.runs))
-    return gain_study(enhancers(cfg.weights, device), cfg, device)
+    return gain_study(load_enhancers(cfg.weights, device), cfg, device)
 
 
 run = job(study)

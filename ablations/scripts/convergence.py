@@ -26,6 +26,7 @@ from ablations.study.fits import finished_fits, fits_by_scene, scene_of
 from ablations.study.markdown import markdown
 from ablations.study.methods import FixedMethod, Method, TwoFits, average
 from ablations.study.plots import STYLE
+from ablations.study.roles import ROLES, role_of, with_roles
 from ablations.study.row_table import TableLayout, row_table
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
@@ -46,14 +47,6 @@ WITHOUT = {
     "plain": EnhancementOptions(confidence=False, colour_completion=False),
 }
 """What a method may leave out: the confidence, or the confidence and colour completion."""
-ROLES = {
-    "training": ("conch", "viking", "tumdesk", "panel17", "axe", "caliterra", "lewis", "boruszyn", "office", "buddha"),
-    "validation": ("plush", "flowerpot", "cyprus", "banana", "copr"),
-    "test": ("fox", "monstree"),
-    "procedural": ("object_1000", "outdoor_1000", "unbounded_1000", "indoor_1000"),
-}
-"""Captures, and procedural validation scenes, by their role in docs/data.md."""
-
 CREDITS = {
     "plush": "noname0310, MIT licence",
     "banana": "Piero Toffanin, MIT licence",
@@ -64,7 +57,7 @@ CREDITS = {
 """Photographer of each capture. Photos of other captures are not shown."""
 
 
-def blocks(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> Float[Tensor, "i j"]:
+def block_errors(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> Float[Tensor, "i j"]:
     """Mean squared error by block."""
     return F.avg_pool2d((image - photo).square().mean(0)[None, None], BLOCK)[0, 0]
 
@@ -74,14 +67,14 @@ def harm(
 ) -> dict[str, float]:
     """The share of blocks that are harmed, and the squared error removed and added, as shares of the render's."""
     before, after = (
-        blocks(quantise_8_bit(image), quantise_8_bit(photo)).clamp_min(1e-7) for image in (render, enhanced)
+        block_errors(quantise_8_bit(image), quantise_8_bit(photo)).clamp_min(1e-7) for image in (render, enhanced)
     )
     harmed = (10 * torch.log10(after / before) > HARM).float().mean()
     removed, added = ((s * (before - after)).clamp_min(0).sum() / before.sum() for s in (1, -1))
     return {"blocks_harmed": float(harmed), "error_removed": float(removed), "error_added": float(added)}
 
 
-def enhancers(methods: Sequence[str], device: torch.device | None = None) -> dict[str, tuple[str, SetEnhancer]]:
+def load_enhancers(methods: Sequence[str], device: torch.device | None = None) -> dict[str, tuple[str, SetEnhancer]]:
     """Digest of the weights and enhancer of each method, by its name.
 
     Args:
@@ -133,7 +126,7 @@ def requested_methods(cfg: DictConfig, device: torch.device | None = None) -> di
             exposure = method == "ibgs"
             methods["ibgs" if exposure else "ibgs without exposure"] = IBGS.from_patterns(cfg.ibgs, exposure)
         else:
-            for label, (digest, enhancer) in enhancers([method], device).items():
+            for label, (digest, enhancer) in load_enhancers([method], device).items():
                 methods[label] = FixedMethod(digest, enhancer)
     return methods
 
@@ -158,7 +151,7 @@ def steps_of(fit: Path, last: bool = False) -> tuple[int, ...]:
     return run_steps(fit)[-1:] if last else run_steps(fit)
 
 
-def rows(
+def measure_fit(
     methods: Mapping[str, Method], fit: Path, distances: Sequence[PerceptualDistance], last: bool = False
 ) -> Iterator[dict[str, object]]:
     """One row a snapshot, view and method.
@@ -184,7 +177,7 @@ def rows(
                 yield {**keys, **raw, **gains, **harm(view.render, view.results[name].image, view.photo)}
 
 
-def extremes(methods: Mapping[str, Method], fit: Path) -> Iterator[tuple[str, Image.Image, str]]:
+def extreme_views(methods: Mapping[str, Method], fit: Path) -> Iterator[tuple[str, Image.Image, str]]:
     """Name, picture and caption of a fit's worst and best view at its last step, by the first method.
 
     The worst view's crop is where enhancement adds the most error, the best view's where the raw render is worst.
@@ -215,24 +208,7 @@ def _gain(view: ComparedView, method: str) -> float:
     return view.gains(method)["psnr_aligned"]
 
 
-def role_of(scene: str) -> str:
-    """Role of a scene: training, validation or test.
-
-    Raises:
-        InputError: the capture has no role.
-    """
-    for role, names in ROLES.items():
-        if scene in names:
-            return role
-    raise InputError(scene, "has no role", f"name the run by its capture: {', '.join(sum(ROLES.values(), ()))}")
-
-
-def with_roles(frame: pd.DataFrame) -> pd.DataFrame:
-    """The rows with the role of their capture."""
-    return frame.assign(role=frame["scene"].map(role_of))
-
-
-def drawn(frame: pd.DataFrame, path: Path) -> None:
+def draw_curves(frame: pd.DataFrame, path: Path) -> None:
     """Draw mean aligned gain against the raw renders' aligned PSNR, one line a capture, for the first method."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure
@@ -262,7 +238,7 @@ def drawn(frame: pd.DataFrame, path: Path) -> None:
         figure.savefig(path, format="svg", metadata={"Date": None})
 
 
-def fits(patterns: Sequence[str]) -> list[Path]:
+def find_fits(patterns: Sequence[str]) -> list[Path]:
     """The finished fits that patterns name, one a scene.
 
     Raises:
@@ -287,14 +263,14 @@ def shown_views(page: Path) -> dict[str, str]:
     return captions
 
 
-def diagram(frame: pd.DataFrame, page: Path) -> list[str]:
+def diagram_section(frame: pd.DataFrame, page: Path) -> list[str]:
     """The section with the diagram; the diagram's file is written next to the page."""
     drawing = page.with_suffix(".svg")
-    drawn(frame, drawing)
+    draw_curves(frame, drawing)
     return [f"![gain against raw PSNR, by capture]({drawing.name})"]
 
 
-def overall(frame: pd.DataFrame, layout: TableLayout) -> list[str]:
+def overall_section(frame: pd.DataFrame, layout: TableLayout) -> list[str]:
     """The section with a table of all views of each role, one line a method."""
     layout, parts = replace(layout, by={"method": "method"}), []
     for role, title in layout.sections.items():
@@ -303,7 +279,7 @@ def overall(frame: pd.DataFrame, layout: TableLayout) -> list[str]:
     return parts
 
 
-def pictured(page: Path) -> list[str]:
+def picture_section(page: Path) -> list[str]:
     """The part of the page with single views."""
     views = shown_views(page)
     parts = [f"![raw render, enhanced view and photo]({address})\n\n{text}" for address, text in views.items()]
@@ -318,7 +294,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
     Raises:
         InputError: weights or fits cannot be read, or a method's trainings or fits are missing.
     """
-    chosen = fits(cfg.runs) if cfg.methods else []
+    chosen = find_fits(cfg.runs) if cfg.methods else []
     methods = requested_methods(cfg, device)
     for fit, method in ((fit, method) for fit in chosen for method in methods.values()):
         for step in steps_of(fit, cfg.last):
@@ -326,15 +302,21 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
     distances = requested_distances(cfg.lpips, cfg.backbones, device) if chosen else []
 
     def measure(fit: Path) -> Iterator[dict[str, object]]:
-        yield from rows(methods, fit, distances, cfg.last)
+        yield from measure_fit(methods, fit, distances, cfg.last)
         if cfg.pictures and scene_of(fit) in (*CREDITS, *ROLES["procedural"]):
-            for name, picture, text in extremes(methods, fit):
+            for name, picture, text in extreme_views(methods, fit):
                 write_picture(Path(cfg.pictures) / f"{name}.jpg", picture, text)
 
     def above(frame: pd.DataFrame, page: Path) -> list[str]:
-        return overall(frame, TableLayout(**plain_values(cfg.row_table))) if cfg.last else diagram(frame, page)
+        return (
+            overall_section(frame, TableLayout(**plain_values(cfg.row_table)))
+            if cfg.last
+            else diagram_section(frame, page)
+        )
 
-    return Study(chosen, measure, KEYS, COLUMNS, option="methods", derived=with_roles, above=above, below=pictured)
+    return Study(
+        chosen, measure, KEYS, COLUMNS, option="methods", derived=with_roles, above=above, below=picture_section
+    )
 
 
 run = job(study)

@@ -126,7 +126,7 @@ def with_sky(depth: Float[Tensor, "1 h w"]) -> Float[Tensor, "1 h w"]:
     return torch.where(depth > 0, depth, FAR * depth.max().clamp_min(1.0))
 
 
-def at_one_size(enhancer: SetEnhancer) -> None:
+def refuse_enlarging(enhancer: SetEnhancer) -> None:
     """Refuse networks whose images are finer than the renders that they are compared with."""
     if enhancer.network.scale != 1:
         raise InputError("weights", f"enlarge {enhancer.network.scale} times", "give weights of the render's own size")
@@ -139,7 +139,7 @@ def with_references(enhancer: SetEnhancer, config: ReferenceConfig) -> SetEnhanc
     return changed
 
 
-def preparations(config: ReferenceConfig, depths: Mapping[str, Depths]) -> dict[str, ReferenceConfig]:
+def reference_configs(config: ReferenceConfig, depths: Mapping[str, Depths]) -> dict[str, ReferenceConfig]:
     """The reference configuration for each kind of known depth.
 
     Raises:
@@ -156,7 +156,7 @@ def preparations(config: ReferenceConfig, depths: Mapping[str, Depths]) -> dict[
     return configs
 
 
-def propagated(render: Float[Tensor, "3 h w"], aligned: AlignedReferences) -> Float[Tensor, "3 h w"]:
+def propagate_residual(render: Float[Tensor, "3 h w"], aligned: AlignedReferences) -> Float[Tensor, "3 h w"]:
     """Add the references' residuals to the render, each weighted by the agreement of the splat's two renders.
 
     Raises:
@@ -188,7 +188,7 @@ def reference_quality(
     }
 
 
-def measured(
+def measure_run(
     rendered: RenderedSet,
     enhancer: SetEnhancer,
     depths: Mapping[str, Depths],
@@ -207,8 +207,8 @@ def measured(
     Raises:
         InputError: a target has no photo.
     """
-    at_one_size(enhancer)
-    configs = preparations(enhancer.reference_config, depths)
+    refuse_enlarging(enhancer)
+    configs = reference_configs(enhancer.reference_config, depths)
     enhancers = {name: with_references(enhancer, config) for name, config in configs.items()}
     for view in enhanced_views(rendered, enhancers, distances, every):
         yield view.view, "raw", view.raw.metrics, view.raw.reasons
@@ -220,11 +220,11 @@ def measured(
             if aligned.renders is None:
                 reasons["propagated_psnr"] = "the run kept no renders of its training views"
             else:
-                simple["propagated_psnr"] = psnr(quantise_8_bit(propagated(view.render, aligned)), view.photo)
+                simple["propagated_psnr"] = psnr(quantise_8_bit(propagate_residual(view.render, aligned)), view.photo)
             yield view.view, name, {**quality.metrics, **shown, **simple}, {**quality.reasons, **reasons}
 
 
-def gains(frame: pd.DataFrame) -> pd.DataFrame:
+def gains_over_raw(frame: pd.DataFrame) -> pd.DataFrame:
     """Every depth's rows with their gains over the raw render."""
     rows = with_gains(frame, {"variant": "raw"}, ("run", "view"))
     rows["gain of residuals"] = rows["propagated_psnr"] - (rows["psnr"] - rows["gain psnr"])
@@ -246,12 +246,12 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
         rendered = read_run(fit)
         splat = f"ours_{run_steps(fit)[-1]}"
         depths = depths_of(fit, replace(rendered, targets=rendered.targets[:: cfg.every]))
-        for view, variant, metrics, reasons in measured(rendered, enhancer, depths, distances, cfg.every):
+        for view, variant, metrics, reasons in measure_run(rendered, enhancer, depths, distances, cfg.every):
             size = (view.camera.width, view.camera.height) if view.camera is not None else (0, 0)
             record_key = (fit.name, scene_of(fit), splat, view.name, variant)
             yield Record("depth", *record_key, metrics, reasons, size, note)
 
-    return Study(finished_fits(cfg.runs), measure, derived=gains)
+    return Study(finished_fits(cfg.runs), measure, derived=gains_over_raw)
 
 
 run = job(study)

@@ -14,10 +14,11 @@ import pandas as pd
 import torch
 from omegaconf import DictConfig
 
-from ablations.scripts.convergence import enhancers, role_of
+from ablations.scripts.convergence import load_enhancers
 from ablations.study.engine import Study, job
 from ablations.study.enhanced_views import enhanced_views
 from ablations.study.fits import refuse_without_views
+from ablations.study.roles import role_of
 from ablations.study.rows import RowFile, with_gains
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
@@ -49,7 +50,7 @@ class StudiedRun:
     gaussians: float
 
 
-def rows(
+def measure_distilled(
     studied: StudiedRun, method: str, digest: str, enhancer: SetEnhancer, distances: Sequence[PerceptualDistance]
 ) -> Iterator[dict[str, object]]:
     """Two rows a held-out view: the splat's render, and the render enhanced.
@@ -72,12 +73,12 @@ def rows(
         yield {**row_key, "image": method, "weights": digest, **view.results[method].measured.metrics}
 
 
-def gains(frame: pd.DataFrame) -> pd.DataFrame:
+def gains_over_render(frame: pd.DataFrame) -> pd.DataFrame:
     """The rows with their gains over the raw render of the same capture and view."""
     return with_gains(frame, {"splat": BASE, "image": "render"}, ("scene", "view"))
 
 
-def named(word: str) -> StudiedRun:
+def parse_run(word: str) -> StudiedRun:
     """Parse the name of a run.
 
     Args:
@@ -101,7 +102,7 @@ def named(word: str) -> StudiedRun:
     return StudiedRun(capture, splat, run, seconds, cost.get("gaussians") or 0.0)
 
 
-def chosen(words: Sequence[str], recorded: Collection[tuple[str, str]]) -> list[StudiedRun]:
+def choose_runs(words: Sequence[str], recorded: Collection[tuple[str, str]]) -> list[StudiedRun]:
     """Parse the names of runs and check them before any is measured.
 
     Args:
@@ -111,7 +112,7 @@ def chosen(words: Sequence[str], recorded: Collection[tuple[str, str]]) -> list[
     Raises:
         InputError: a word names no such run, two name the same splat, or a capture's raw splat is not there.
     """
-    runs = [named(word) for word in words]
+    runs = [parse_run(word) for word in words]
     pairs = [(studied.capture, studied.splat) for studied in runs]
     for capture, splat in pairs:
         if pairs.count((capture, splat)) > 1:
@@ -128,12 +129,18 @@ def study(cfg: DictConfig, device: torch.device) -> Study[StudiedRun]:
         InputError: weights, runs or records cannot be read.
     """
     if not cfg.runs:
-        return Study((), lambda studied: (), KEYS, COLUMNS, derived=gains)
+        return Study((), lambda studied: (), KEYS, COLUMNS, derived=gains_over_render)
     recorded = RowFile(Path(cfg.records), KEYS, COLUMNS).read_or_empty()
-    runs = chosen(cfg.runs, set(zip(recorded["scene"], recorded["splat"], strict=True)))
+    runs = choose_runs(cfg.runs, set(zip(recorded["scene"], recorded["splat"], strict=True)))
     distances = requested_distances(cfg.lpips, cfg.backbones, device)
-    ((method, (digest, enhancer)),) = enhancers([cfg.weights], device).items()
-    return Study(runs, lambda studied: rows(studied, method, digest, enhancer, distances), KEYS, COLUMNS, derived=gains)
+    ((method, (digest, enhancer)),) = load_enhancers([cfg.weights], device).items()
+    return Study(
+        runs,
+        lambda studied: measure_distilled(studied, method, digest, enhancer, distances),
+        KEYS,
+        COLUMNS,
+        derived=gains_over_render,
+    )
 
 
 run = job(study)

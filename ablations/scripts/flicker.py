@@ -25,7 +25,7 @@ from omegaconf import DictConfig
 from torch import Tensor
 from torchmetrics.functional.image import peak_signal_noise_ratio
 
-from ablations.scripts.depth import at_one_size, world_of
+from ablations.scripts.depth import refuse_enlarging, world_of
 from ablations.studies.consistency import PROTOCOL, FrameGeometry, WarpedError, sequence_errors
 from ablations.study.engine import Study, job
 from ablations.study.fits import finished_fits, scene_of
@@ -105,7 +105,7 @@ def rendered_sequence(
         temporal_smoothing: shares of the change that are carried over.
         hysteresis: factors on the cost of the frame before's references, as `PathReferences` takes them.
     """
-    at_one_size(enhancer)
+    refuse_enlarging(enhancer)
     single = enhancer.reference_config
     enhanced = list(enhancer(rendered))
     chosen = {"enhanced": enhanced}
@@ -126,14 +126,14 @@ def rendered_sequence(
         images[name] = shown
         for share in temporal_smoothing:
             prefix = "" if name == "enhanced" else f"{name} "
-            images[f"{prefix}{STEADY}{share:g}"] = tuple(_steadied(rendered, shown, share))
+            images[f"{prefix}{STEADY}{share:g}"] = tuple(_smooth_frames(rendered, shown, share))
     if photos:
         images["photo"] = tuple(photos)
     references = {name: tuple(frame.references for frame in frames) for name, frames in chosen.items()}
     return FrameSequence(tuple(places), images, references)
 
 
-def _steadied(rendered: RenderedSet, frames: Sequence[Tensor], share: float) -> Iterator[Tensor]:
+def _smooth_frames(rendered: RenderedSet, frames: Sequence[Tensor], share: float) -> Iterator[Tensor]:
     """Frames enhanced with ``temporal_smoothing=share``."""
     before: PreviousChange | None = None
     for view, enhanced in zip(rendered.targets, frames, strict=True):
@@ -147,15 +147,15 @@ def exact_photos(run: Path, cameras: Sequence[Camera]) -> tuple[Tensor, ...]:
     return () if world is None else tuple(ProceduralView(*world, camera, "cpu").photo() for camera in cameras)
 
 
-def changes(references: Sequence[Sequence[str]]) -> list[tuple[int, bool]]:
+def reference_changes(references: Sequence[Sequence[str]]) -> list[tuple[int, bool]]:
     """For each frame and the next, the number of new references, and whether only their order changes."""
     pairs = itertools.pairwise(map(tuple, references))
     return [(len(set(b) - set(a)), set(a) == set(b) and a != b) for a, b in pairs]
 
 
-def records(run: Path, sequence: FrameSequence, weights: str) -> Iterator[Record]:
+def sequence_records(run: Path, sequence: FrameSequence, weights: str) -> Iterator[Record]:
     """One record for each pair of neighbouring frames and variant."""
-    changed = {name: changes(chosen) for name, chosen in sequence.references.items()}
+    changed = {name: reference_changes(chosen) for name, chosen in sequence.references.items()}
     for variant, images in sequence.images.items():
         for t, error in enumerate(sequence_errors(images, sequence.places)):
             size = (images[t].shape[2], images[t].shape[1])
@@ -172,7 +172,7 @@ def records(run: Path, sequence: FrameSequence, weights: str) -> Iterator[Record
             yield Record("consistency", *record_key, {**_metrics(error), **extra}, _reasons(error), size, note)
 
 
-def compared(frame: pd.DataFrame) -> pd.DataFrame:
+def compare_variants(frame: pd.DataFrame) -> pd.DataFrame:
     """The pairs of frames that show a common surface, with their error relative to raw frames and to exact photos.
 
     An error "over" another is divided by the other's mean over the pairs that both have, so that its mean over pairs is
@@ -250,9 +250,11 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
         cameras = path_cameras(fit, cfg.cameras, cfg.frames)
         photos = exact_photos(fit, cameras)
         drawn = path_renders(fit, cameras)
-        return records(fit, rendered_sequence(drawn, enhancer, photos, cfg.temporal_smoothing, cfg.hysteresis), weights)
+        return sequence_records(
+            fit, rendered_sequence(drawn, enhancer, photos, cfg.temporal_smoothing, cfg.hysteresis), weights
+        )
 
-    return Study(finished_fits(cfg.runs), measure, derived=compared)
+    return Study(finished_fits(cfg.runs), measure, derived=compare_variants)
 
 
 run = job(study)

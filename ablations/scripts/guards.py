@@ -12,7 +12,7 @@ from pathlib import Path
 import torch
 from omegaconf import DictConfig
 
-from ablations.scripts.candidates import loaded
+from ablations.scripts.candidates import load_candidates
 from ablations.study.engine import Study, job
 from ablations.study.fits import finished_fits
 from ablations.study.gains import gain_study
@@ -30,10 +30,10 @@ LIMITS: dict[str, tuple[float | None, ...]] = {
 """Compared values of each guard; None and 0 switch photo-consistency and colour clamping off."""
 
 
-def guarded(
+def guarded_enhancer(
     pretrained: Pretrained, guard: str, limit: int | float | None, device: torch.device | None = None
 ) -> SetEnhancer:
-    """A network with a limit; everything else is as in the job enhance.
+    """A network with one limit, without the confidence; colour completion and other limits are as in the job enhance.
 
     Raises:
         InputError: references are not warped, so that they are not checked.
@@ -58,8 +58,8 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
     """
     refuse_frozen(finished_fits(cfg.runs), "chosen by")
     enhancers = {
-        f"{name}, {cfg.guard} {limit}": guarded(pretrained, cfg.guard, limit, device)
-        for name, pretrained in loaded(cfg.weights).items()
+        f"{name}, {cfg.guard} {limit}": guarded_enhancer(pretrained, cfg.guard, limit, device)
+        for name, pretrained in load_candidates(cfg.weights).items()
         for limit in LIMITS[cfg.guard]
     }
     return gain_study(enhancers, cfg, device)

@@ -13,9 +13,9 @@ from pathlib import Path
 import torch
 from omegaconf import DictConfig
 
-from ablations.scripts.convergence import role_of
 from ablations.study.engine import Study, job
 from ablations.study.fits import finished_fits, scene_of
+from ablations.study.roles import role_of
 from gaussian_enhancer.align.exposure import match_exposure
 from gaussian_enhancer.align.references import ReferencePool, build_network_input, read_target
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint

@@ -19,7 +19,7 @@ from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import load_weights
 
 
-def trained(row: str, runs: Path) -> Path:
+def find_weights(row: str, runs: Path) -> Path:
     """The weights of a row; the one finished training with its label.
 
     Raises:
@@ -32,13 +32,13 @@ def trained(row: str, runs: Path) -> Path:
     return finished[0] / "weights.safetensors"
 
 
-def enhancers(rows: Sequence[str], runs: Path, device: torch.device | None = None) -> dict[str, SetEnhancer]:
+def load_enhancers(rows: Sequence[str], runs: Path, device: torch.device | None = None) -> dict[str, SetEnhancer]:
     """The rows' networks, at full strength.
 
     Raises:
         InputError: rows were trained with different preparations, so that their views could not be shared.
     """
-    loaded = {row: load_weights(trained(row, runs)) for row in rows}
+    loaded = {row: load_weights(find_weights(row, runs)) for row in rows}
     configs = [pretrained.reference_config for pretrained in loaded.values()]
     if any(config != configs[0] for config in configs):
         raise InputError("rows", "prepare their references differently", "train them with the same recipe")
@@ -51,7 +51,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
     Raises:
         InputError: a row was not trained, or runs cannot be compared.
     """
-    return gain_study(enhancers(cfg.rows, Path(cfg.folder), device), cfg, device)
+    return gain_study(load_enhancers(cfg.rows, Path(cfg.folder), device), cfg, device)
 
 
 run = job(study)

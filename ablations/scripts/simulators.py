@@ -48,10 +48,12 @@ def rows(names: Sequence[str], generator: str | None = None, steps: int = 8) -> 
     """
     adapted = AdaptedGates()
     makers: dict[str, Row] = {
-        "none": none,
-        "naive": naive,
-        "all": every,
-        "random": random,
+        "none": lambda _: Simulator(NoGate()),  # the photo itself: the distance of real renders from photos
+        "naive": lambda _: Simulator(
+            AllGate({name: name in GENERIC for name in TYPES})
+        ),  # blur, noise and JPEG, all at once
+        "all": lambda _: Simulator(AllGate()),  # every type of artefact at once
+        "random": lambda _: Simulator(RandomGate()),  # the paper's gate: random types in random order, some in regions
         "adaptive": lambda splat: Simulator(adapted(splat)),
     }
     learnt = ("tsds", "random_tsds", "none_tsds")
@@ -64,23 +66,3 @@ def rows(names: Sequence[str], generator: str | None = None, steps: int = 8) -> 
         makers["random_tsds"] = lambda splat: Simulator(RandomGate(), second)
         makers["none_tsds"] = lambda splat: Simulator(NoGate(), second)
     return {name: makers[name] for name in names}
-
-
-def none(splat: RenderedSet) -> Simulator:
-    """Return the photo itself, which gives the distance of real renders from photos."""
-    return Simulator(NoGate())
-
-
-def naive(splat: RenderedSet) -> Simulator:
-    """Blur, noise and JPEG, all at once."""
-    return Simulator(AllGate({name: name in GENERIC for name in TYPES}))
-
-
-def every(splat: RenderedSet) -> Simulator:
-    """Every type of artefact at once."""
-    return Simulator(AllGate())
-
-
-def random(splat: RenderedSet) -> Simulator:
-    """The paper's gate: random types in random order, some in regions only."""
-    return Simulator(RandomGate())

@@ -1,8 +1,9 @@
-"""Atomic writing of files, and thread-safe reading of NumPy arrays.
+"""Atomic writing of files, their digests, and thread-safe reading of NumPy arrays.
 
 After a killed run, or on a full disk, there is either the old file or none.
 """
 
+import hashlib
 import io
 import os
 import tempfile
@@ -147,3 +148,13 @@ def write_text(path: str | Path, text: str) -> None:
     """
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file's content, as hexadecimal digits.
+
+    Args:
+        path: the file.
+    """
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

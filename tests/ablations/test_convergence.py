@@ -10,16 +10,14 @@ import torch
 from ablations.scripts.convergence import (
     COLUMNS,
     KEYS,
-    ROLES,
-    diagram,
-    enhancers,
-    fits,
+    diagram_section,
+    find_fits,
     harm,
-    pictured,
-    role_of,
+    load_enhancers,
+    picture_section,
     shown_views,
-    with_roles,
 )
+from ablations.study.roles import ROLES, role_of, with_roles
 from ablations.study.row_table import page, read_layout
 from ablations.study.rows import RowFile
 from gaussian_enhancer.errors import InputError
@@ -29,7 +27,7 @@ from support.paths import DOCS
 
 
 def test_a_method_names_weights_strength_and_what_is_left_out() -> None:
-    made = enhancers(["lr_tiny", "lr_tiny@0.5", "lr_tiny:without_confidence", "lr_tiny@1:plain"])
+    made = load_enhancers(["lr_tiny", "lr_tiny@0.5", "lr_tiny:without_confidence", "lr_tiny@1:plain"])
     own = load_weights("lr_tiny").strength
     assert list(made) == ["lr_tiny", "lr_tiny@0.5", f"lr_tiny@{own:g} without confidence", "lr_tiny@1 plain"]
     kept = [(one.strength, one.confidence is not None, one.colour_completion) for _, one in made.values()]
@@ -46,7 +44,7 @@ def test_a_method_names_weights_strength_and_what_is_left_out() -> None:
 )
 def test_another_ending_and_no_share_are_refused(method: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
-        enhancers([method])
+        load_enhancers([method])
 
 
 def named_fit(plane_run: Path, folder: Path, scene: str) -> Path:
@@ -94,11 +92,11 @@ def test_the_page_shows_the_worst_and_the_best_view_of_each_fit(plane_run, tmp_p
 def test_fits_that_would_be_mixed_up_or_have_no_role_are_refused_before_they_are_measured(plane_run, tmp_path) -> None:
     folders = [named_fit(plane_run, tmp_path / f"{i}", scene) for i, scene in enumerate(("plush", "plush", "garden"))]
     with pytest.raises(InputError, match="is of the scene plush"):
-        fits([str(folder) for folder in folders[:2]])
+        find_fits([str(folder) for folder in folders[:2]])
     with pytest.raises(InputError, match="has no role"):
-        fits([str(folders[2])])
+        find_fits([str(folders[2])])
     with pytest.raises(InputError, match="name no fit"):
-        fits([])
+        find_fits([])
 
 
 def test_records_of_something_else_are_refused(job, tmp_path, capsys) -> None:
@@ -112,7 +110,7 @@ def test_records_of_something_else_are_refused(job, tmp_path, capsys) -> None:
 def test_the_committed_page_is_what_its_records_say(tmp_path) -> None:
     committed = DOCS / "results/convergence.md"
     frame = with_roles(RowFile(DOCS / "results/convergence.jsonl", KEYS, COLUMNS).read())
-    above, below = diagram(frame, tmp_path / "convergence.md"), pictured(committed)
+    above, below = diagram_section(frame, tmp_path / "convergence.md"), picture_section(committed)
     assert page(frame, read_layout("convergence"), above, below) == committed.read_text()
     assert (tmp_path / "convergence.svg").read_bytes() == committed.with_suffix(".svg").read_bytes()
 

@@ -10,10 +10,10 @@ from ablations.scripts.depth import (
     SEARCHED,
     ReplacedDepthWarp,
     exact_depths,
-    gains,
-    measured,
-    preparations,
-    propagated,
+    gains_over_raw,
+    measure_run,
+    propagate_residual,
+    reference_configs,
     reference_quality,
     with_sky,
     world_of,
@@ -51,7 +51,7 @@ def misplaced(plane_run) -> tuple[RenderedSet, dict[str, dict[str, torch.Tensor]
 
 def test_the_better_the_depth_the_better_the_references(misplaced):
     rendered, depths = misplaced
-    found = list(measured(rendered, SetEnhancer(small(), ReferenceConfig(), precision="float32"), depths))
+    found = list(measure_run(rendered, SetEnhancer(small(), ReferenceConfig(), precision="float32"), depths))
     assert [variant for _, variant, _, _ in found] == ["raw", *ROWS] * len(rendered.targets)
     by = {kind: [m for _, variant, m, _ in found if variant == kind] for kind in ("raw", *ROWS)}
     for raw, expected, searched, _, _, surface, *_, exact in zip(*by.values(), strict=True):
@@ -65,7 +65,7 @@ def test_the_better_the_depth_the_better_the_references(misplaced):
 def test_stored_depth_given_again_changes_nothing(plane_run):
     rendered = read_run(plane_run)
     stored = {view.name: view.read_depth() for view in (*rendered.targets, *rendered.references)}
-    kinds = preparations(ReferenceConfig(), {"surface": stored})
+    kinds = reference_configs(ReferenceConfig(), {"surface": stored})
     default = "surface, smoothed, searched by photos too"
     assert kinds.keys() == {"surface", "surface, searched", "surface, smoothed, searched", default}
     assert isinstance(kinds["surface"].warp, ReplacedDepthWarp)
@@ -80,14 +80,14 @@ def test_residuals_are_handed_on_as_stated():
     seen = torch.ones(2, 1, 16, 16)
     renders = render.expand(2, 3, 16, 16).clone()
     aligned = AlignedReferences(renders + torch.tensor([0.1, 0.2])[:, None, None, None], seen, ("a", "b"), renders)
-    torch.testing.assert_close(propagated(render, aligned), render + 0.3 / 2.5)
+    torch.testing.assert_close(propagate_residual(render, aligned), render + 0.3 / 2.5)
     off = dataclasses.replace(aligned, renders=renders + 0.02, references=aligned.references + 0.02)
     weight = torch.exp(torch.tensor(-1.0))
-    torch.testing.assert_close(propagated(render, off), render + 0.3 * weight / (2 * weight + 0.5))
+    torch.testing.assert_close(propagate_residual(render, off), render + 0.3 * weight / (2 * weight + 0.5))
     hidden = dataclasses.replace(aligned, visibility=torch.zeros_like(seen))
-    assert torch.equal(propagated(render, hidden), render)
+    assert torch.equal(propagate_residual(render, hidden), render)
     with pytest.raises(InputError, match="splat's renders"):
-        propagated(render, dataclasses.replace(aligned, renders=None))
+        propagate_residual(render, dataclasses.replace(aligned, renders=None))
 
 
 def test_reference_is_judged_where_it_is_visible():
@@ -141,16 +141,16 @@ def test_only_procedural_runs_have_a_world(tmp_path):
 
 def test_weights_that_do_not_reproject_are_refused():
     with pytest.raises(InputError, match="reproject"):
-        preparations(ReferenceConfig(warp=Unwarped()), {})
+        reference_configs(ReferenceConfig(warp=Unwarped()), {})
 
 
 def test_table_states_gains_over_the_raw_render(misplaced):
     rendered, depths = misplaced
     records = [
         Record("depth", "plane", "plane", "ours_100", view.name, variant, metrics, reasons)
-        for view, variant, metrics, reasons in measured(rendered, SetEnhancer(small(), ReferenceConfig()), depths)
+        for view, variant, metrics, reasons in measure_run(rendered, SetEnhancer(small(), ReferenceConfig()), depths)
     ]
-    table = row_table(gains(frame_of(records)), read_layout("depth"))
+    table = row_table(gains_over_raw(frame_of(records)), read_layout("depth"))
     assert table.iloc[:, :3].to_numpy().tolist() == [[run, d, "2"] for run in ("plane", "all") for d in ROWS]
     by_depth = table[table["run"] == "plane"].set_index("depth")
     assert by_depth.loc["exact", "gain in psnr"] == "+0.0000"

@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from ablations.scripts.distil_study import COLUMNS, KEYS, chosen, gains, named
+from ablations.scripts.distil_study import COLUMNS, KEYS, choose_runs, gains_over_render, parse_run
 from ablations.study.row_table import page, read_layout, row_table
 from ablations.study.rows import RowFile
 from gaussian_enhancer.errors import InputError
@@ -37,7 +37,7 @@ def frame(splat: str, *psnr: float, image: str = "render", scene: str = "plush")
 def test_gains_are_over_the_raw_render_of_the_same_capture():
     other = frame("raw", 10.0, scene="copr")
     found = pd.concat([frame("raw", 20.0, 30.0), frame("raw", 22.0, 30.0, image="lr"), other, frame("new", 19.0, 34.0)])
-    rows, layout = gains(found.reset_index(drop=True)), read_layout("distil_study")
+    rows, layout = gains_over_render(found.reset_index(drop=True)), read_layout("distil_study")
     table = row_table(rows, layout).set_index(["scene", "splat", "image"])
     gain = ["gain, aligned", "worst view"]
     assert table.loc[("plush", "raw", "render"), ["PSNR, aligned", *gain]].tolist() == ["25.00", "+0.00", "+0.00"]
@@ -61,27 +61,27 @@ def fitted(plane_run, tmp_path) -> Path:
 
 
 def test_a_run_is_named_by_capture_and_splat(fitted):
-    one = named(f"plush/weight and share 0.3:{fitted}")
+    one = parse_run(f"plush/weight and share 0.3:{fitted}")
     assert (one.capture, one.splat, one.run) == ("plush", "weight and share 0.3", fitted)
     assert (one.seconds, one.gaussians) == (1.5, 7)
     for bad in ("plush:a", "plush/raw", "/raw:a"):
         with pytest.raises(InputError, match="write CAPTURE/SPLAT:RUN"):
-            named(bad)
+            parse_run(bad)
     with pytest.raises(InputError, match="has no role"):
-        named(f"garden/raw:{fitted}")
+        parse_run(f"garden/raw:{fitted}")
     write_records(fitted / "records.jsonl", [Record("quality", "a", "plush", "3dgs", "", "raw", {})])
     with pytest.raises(InputError, match="holds no record of cost"):
-        named(f"plush/raw:{fitted}")
+        parse_run(f"plush/raw:{fitted}")
 
 
 def test_runs_that_cannot_be_compared_are_refused_before_they_are_measured(fitted):
     words = [f"plush/raw:{fitted}", f"plush/new:{fitted}"]
-    assert [one.splat for one in chosen(words, ())] == ["raw", "new"]
-    assert [one.splat for one in chosen(words[1:], {("plush", "raw")})] == ["new"]
+    assert [one.splat for one in choose_runs(words, ())] == ["raw", "new"]
+    assert [one.splat for one in choose_runs(words[1:], {("plush", "raw")})] == ["new"]
     with pytest.raises(InputError, match="add plush/raw:FIT to runs"):
-        chosen(words[1:], {("copr", "raw"), ("plush", "other")})
+        choose_runs(words[1:], {("copr", "raw"), ("plush", "other")})
     with pytest.raises(InputError, match="name plush/new twice"):
-        chosen([*words, words[1]], ())
+        choose_runs([*words, words[1]], ())
 
 
 def test_the_page_is_made_again_from_the_records(fitted, tmp_path, job, capsys):
@@ -102,4 +102,4 @@ def test_the_page_is_made_again_from_the_records(fitted, tmp_path, job, capsys):
 
 def test_the_committed_page_is_what_its_records_say():
     rows = RowFile(DOCS / "results/distil.jsonl", KEYS, COLUMNS).read()
-    assert page(gains(rows), read_layout("distil_study")) == (DOCS / "results/distil.md").read_text()
+    assert page(gains_over_render(rows), read_layout("distil_study")) == (DOCS / "results/distil.md").read_text()

@@ -6,7 +6,14 @@ import torch
 from test_sif import small
 
 from ablations.report.video import flicker_table
-from ablations.scripts.flicker import changes, compared, exact_photos, path_cameras, records, rendered_sequence
+from ablations.scripts.flicker import (
+    compare_variants,
+    exact_photos,
+    path_cameras,
+    reference_changes,
+    rendered_sequence,
+    sequence_records,
+)
 from ablations.study.row_table import read_layout, row_table
 from ablations.study.rows import RowFile
 from gaussian_enhancer.align.references import ReferenceConfig
@@ -77,7 +84,7 @@ def filmed(network):
 
 
 def means(run, film):
-    found = list(records(run, film, "none"))
+    found = list(sequence_records(run, film, "none"))
     return {
         variant: [r.metrics["warped_error"] for r in found if r.variant == variant] for variant in film.images
     }, found
@@ -129,7 +136,7 @@ def test_references_that_are_kept_along_the_path_change_less_often(plane_run, tm
     assert enhancer.reference_config is config
     run = named(plane_run, tmp_path)
     found, all_records = means(run, film)
-    new = {name: sum(count for count, _ in changes(names)) for name, names in film.references.items()}
+    new = {name: sum(count for count, _ in reference_changes(names)) for name, names in film.references.items()}
     assert new["enhanced"] == new["path 1"] >= 5
     assert new["path 0.5"] == 0
     assert found["path 1"] == found["enhanced"]
@@ -154,7 +161,7 @@ def test_unsteady_network_is_found_out(plane_run, tmp_path):
         assert change == pytest.approx(10 / 255, abs=0.004)
     file = RowFile(tmp_path / "flicker.jsonl", ("run", "view", "variant"))
     file.add(lines)
-    table = row_table(compared(file.read()), read_layout("flicker")).set_index("frames")
+    table = row_table(compare_variants(file.read()), read_layout("flicker")).set_index("frames")
     assert list(table.index) == ["raw", "enhanced", "change"]
     assert table.loc["enhanced", ["run", "pairs"]].tolist() == [run.name, "4"]
     assert float(table.loc["enhanced", "error / raw"]) > 1.5
@@ -169,7 +176,7 @@ def test_unsteady_network_is_found_out(plane_run, tmp_path):
 
 def test_changes_of_references_are_counted():
     names = [("a", "b", "c"), ("a", "b", "c"), ("b", "a", "c"), ("b", "d", "c"), ("x", "y", "c")]
-    assert changes(names) == [(0, False), (0, True), (1, False), (2, False)]
+    assert reference_changes(names) == [(0, False), (0, True), (1, False), (2, False)]
 
 
 def test_path_passes_neighbouring_cameras_of_the_run(plane_run):

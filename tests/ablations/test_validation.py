@@ -32,13 +32,13 @@ def weights(tmp_path):
 
 
 def test_rows_are_named_by_what_was_trained_and_not_twice(weights):
-    assert list(candidates.enhancers(weights)) == ["same", "brighter"]
+    assert list(candidates.load_enhancers(weights)) == ["same", "brighter"]
     assert candidates.name_of("lr_tiny") == "lr_tiny"
     assert candidates.name_of("own.safetensors") == "own"
     with pytest.raises(InputError, match="second row same"):
-        candidates.enhancers([weights[0], weights[0]])
+        candidates.load_enhancers([weights[0], weights[0]])
     with pytest.raises(InputError, match="enlarges 4 times"):
-        candidates.enhancers(["sr_tiny"])
+        candidates.load_enhancers(["sr_tiny"])
 
 
 def test_candidates_are_compared_on_the_same_views(weights, plane_run, tmp_path, job, capsys):
@@ -111,7 +111,7 @@ def test_evidence_keeps_an_invention_small(weights, plane_run, tmp_path, job, ca
 def test_the_limit_is_all_that_differs():
     pretrained = Pretrained(small(), ReferenceConfig(), {})
     for guard, limits in guards.LIMITS.items():
-        made = [guards.guarded(pretrained, guard, limit) for limit in limits]
+        made = [guards.guarded_enhancer(pretrained, guard, limit) for limit in limits]
         agreements = [one.reference_config.warp.photo_consistency for one in made]  # type: ignore[union-attr]
         assert agreements == (
             list(limits) if guard == "photo_consistency" else [Reprojected().photo_consistency] * len(made)
@@ -121,4 +121,4 @@ def test_the_limit_is_all_that_differs():
         )
         assert [one.strength for one in made] == (list(limits) if guard == "strength" else [1.0] * len(made))
     with pytest.raises(InputError, match="do not warp"):
-        guards.guarded(Pretrained(small(), ReferenceConfig(Unwarped()), {}), "photo_consistency", 0.2)
+        guards.guarded_enhancer(Pretrained(small(), ReferenceConfig(Unwarped()), {}), "photo_consistency", 0.2)

@@ -8,7 +8,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import OmegaConf
 from PIL import Image
 
-from ablations.benchmarks.viewer_speed import quoted, stated, words_of
+from ablations.benchmarks.viewer_speed import parse_status, quote, words_of
 from gaussian_enhancer.types import identity_camera
 from gaussian_enhancer.viewer.controls import status
 from gaussian_enhancer.viewer.modes import Mode
@@ -20,8 +20,8 @@ def test_the_pages_line_is_read():
     for enhanced, times, total in ((image, Times(10.0, 20.0, 30.4), 60), (None, Times(10.0), 10)):
         view = StageView(identity_camera(8, 20, 20.0), image, plane, plane, enhanced, None, (), times)
         told = status(12, image, view, Mode("wipe")).replace("**", "")
-        assert stated(f"gaussian-enhancer {told} Show mode") == (total, 20, 8, 12)
-    assert stated("Waiting for the first picture.") is None
+        assert parse_status(f"gaussian-enhancer {told} Show mode") == (total, 20, 8, 12)
+    assert parse_status("Waiting for the first picture.") is None
 
 
 def test_the_viewer_gets_the_options_of_the_measurement():
@@ -33,7 +33,7 @@ def test_the_viewer_gets_the_options_of_the_measurement():
 
 @pytest.mark.parametrize("path", ["runs/fit/a", "my runs/a=b, c", "it's {1}"])
 def test_a_run_of_any_name_is_one_value(path):
-    (override,) = OverridesParser.create().parse_overrides([f"run={quoted(path)}"])
+    (override,) = OverridesParser.create().parse_overrides([f"run={quote(path)}"])
     assert override.value() == path
 
 

@@ -11,7 +11,7 @@ import torch
 
 from gaussian_enhancer.cli.video import run
 from gaussian_enhancer.errors import INTERRUPTED, InputError
-from gaussian_enhancer.runs.splat_source import open_capture
+from gaussian_enhancer.runs.splat_source import open_splat_with_capture
 from gaussian_enhancer.scene.photos import read_photo
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Photo, Scene
@@ -152,7 +152,7 @@ def test_a_splat_outside_the_views_of_its_capture_is_refused(sheet_run, weights,
     for job in ("video", "view"):
         cfg = job_config(job, f"run={moved}", f"weights={weights}", *QUIET)
         with pytest.raises(InputError, match=r"splat\.ply: has no Gaussian in any view of moved; give the splat in"):
-            open_capture(cfg, job).renderer(cfg, "cpu")
+            open_splat_with_capture(cfg, job).renderer(cfg, "cpu")
     with pytest.raises(InputError, match="has no Gaussian in any view"):
         run(configured(f"run={moved}", f"weights={weights}", f"runs={tmp_path / 'runs'}"))
     assert not (tmp_path / "runs").exists()

@@ -15,6 +15,7 @@ from gaussian_enhancer.api.images import read_images, read_planes
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.reference_cache import ReferenceFeatures
+from gaussian_enhancer.scene.posed import evenly_resized
 from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.types import Camera
 
@@ -52,7 +53,7 @@ class Reference:
         for name, image in (("render", self.render), ("depth", self.depth)):
             if image is not None:
                 size = _size(image, name, self.name)
-                if not _same_aspect(photo_size, size):
+                if not evenly_resized(photo_size, size):
                     received = f"is {size[1]}x{size[0]} for a photo of {photo_size[1]}x{photo_size[0]}"
                     raise InputError(
                         f"{name} of reference {self.name}".rstrip(), received, "give it in the same aspect"
@@ -120,7 +121,7 @@ def sized_camera(camera: Camera, height: int, width: int, name: str) -> Camera:
     if not isinstance(camera, Camera):
         remedy = "give gaussian_enhancer.Camera.from_matrices(K, world_to_camera, height, width)"
         raise InputError(name, f"is of type {type(camera).__name__}", remedy)
-    if not _same_aspect((height, width), (camera.height, camera.width)):
+    if not evenly_resized((height, width), (camera.height, camera.width)):
         received = f"is for {camera.width}x{camera.height}, and the image is {width}x{height}"
         raise InputError(name, received, "give the camera that the image was made with")
     return camera.to("cpu").resized(height, width)
@@ -160,9 +161,3 @@ def _size(image: Any, kind: str, name: str) -> tuple[int, int]:
     if image_kind.batch:
         raise InputError(subject, f"has shape {tuple(image.shape)}", "give one image, without a batch axis")
     return images.shape[-2], images.shape[-1]
-
-
-def _same_aspect(size: tuple[int, int], other_size: tuple[int, int]) -> bool:
-    """Whether two sizes (height, width) have the same aspect ratio, up to rounding."""
-    scale = min(size[0] / other_size[0], size[1] / other_size[1])
-    return abs(size[0] - other_size[0] * scale) <= 1 and abs(size[1] - other_size[1] * scale) <= 1

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.photos import background_colour
 from gaussian_enhancer.splat.methods import Method, choose_method
 from gaussian_enhancer.splat.render import render as render_gaussians
 from gaussian_enhancer.types import Camera, Gaussians, Render
@@ -32,7 +33,8 @@ def render(
         (1, h, w); ``surface``, the depth for enhancement with ``depth_kind="surface"``.
 
     Raises:
-        InputError: the method is unknown or does not suit the splat, or the camera cannot be used.
+        InputError: the method is unknown or does not suit the splat, the camera cannot be used, or the background is no
+            colour.
 
     Example:
         >>> import torch
@@ -48,7 +50,5 @@ def render(
         remedy = "give gaussian_enhancer.Camera.from_matrices(K, world_to_camera, height, width)"
         raise InputError("camera", f"is of type {type(camera).__name__}", remedy)
     rendering_method = choose_method(method, splat) if isinstance(method, str) else method
-    red, green, blue = map(float, background)
-    return render_gaussians(
-        splat, camera.to(splat.means.device), rendering_method, (red, green, blue), near=float(near)
-    )
+    colour = background_colour(background)
+    return render_gaussians(splat, camera.to(splat.means.device), rendering_method, colour, near=float(near))

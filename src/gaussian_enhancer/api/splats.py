@@ -9,9 +9,9 @@ from gaussian_enhancer.distil.prune import PruneSettings
 from gaussian_enhancer.distil.settings import DistilSettings
 from gaussian_enhancer.distil.task import distil_task, enhancer_of_new_views, find_splat_and_capture, improve_splat
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import file_digest
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.runs.runtime import choose_device
-from gaussian_enhancer.runs.video import file_digest
 from gaussian_enhancer.scene.capture import open_capture
 from gaussian_enhancer.scene.scene import Scene
 from gaussian_enhancer.splat.fit.checkpoint import discard_checkpoint

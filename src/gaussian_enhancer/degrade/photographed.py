@@ -13,7 +13,7 @@ from torch import Tensor
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.depth_files import ReadDepth
-from gaussian_enhancer.scene.photos import read_header
+from gaussian_enhancer.scene.photos import background_colour, read_header
 from gaussian_enhancer.scene.posed import ReadCoverage, ReadPhoto
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.types import Movable
@@ -56,7 +56,7 @@ def read_image(
         InputError: a file is missing or damaged, its pixel format has no defined white, sizes differ, the background is
             no colour, or the scale is not positive.
     """
-    colour = _colour(background)
+    colour = background_colour(background)
     if not isinstance(depth_scale, int | float) or not depth_scale > 0:
         raise InputError("depth_scale", f"is {depth_scale!r}", "give a positive number")
     path = Path(image)
@@ -102,14 +102,6 @@ def read_held_out(rendered: RenderedSet, name: str | None = None) -> SimulatorIn
     }
     label = f"{rendered.name}-{Path(target.name).stem}"
     return SimulatorInput(label, _view(target.read_photo(), depth, alpha), target.read()[None], origin)
-
-
-def _colour(values: Sequence[object]) -> tuple[float, float, float]:
-    channels = [float(v) for v in values if isinstance(v, int | float)] if isinstance(values, Sequence) else []
-    if len(channels) != 3 or len(values) != 3 or not all(0 <= channel <= 1 for channel in channels):
-        raise InputError("background", f"is {values}", "give three numbers from 0 to 1")
-    red, green, blue = channels
-    return red, green, blue
 
 
 def _view(photo: Tensor, depth: Tensor | None, alpha: Tensor | None) -> View:

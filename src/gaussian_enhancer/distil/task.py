@@ -15,6 +15,7 @@ from gaussian_enhancer.distil.distil import distil
 from gaussian_enhancer.distil.prune import PruneResult, PruneSettings, prune
 from gaussian_enhancer.distil.settings import DistilSettings
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import file_digest
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.validated_inputs import validate_inputs
@@ -22,7 +23,6 @@ from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer, open_renderer, refuse_unseen
 from gaussian_enhancer.runs.splat_source import splat_file
-from gaussian_enhancer.runs.video import file_digest
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Photo, Scene
@@ -135,7 +135,7 @@ def find_splat_and_capture(
         InputError: neither or both of run and splat are given, the splat has no capture, or the run cannot be read.
     """
     if run is not None and gaussians is None:
-        return _capture_of_run(Path(run))
+        return _splat_and_capture_of_run(Path(run))
     if gaussians is None or run is not None:
         received = "was given no splat" if gaussians is None else "was given run and gaussians"
         raise InputError("distil", received, "give one of run=FOLDER, gaussians=FILE with scene=...")
@@ -171,7 +171,7 @@ def distil_task(
         InputError: the capture lacks photos or cameras, or the splat cannot be read, rendered or stored in the format,
             or lies outside the training views.
     """
-    training_cameras = [photo.camera for photo in capture.train_photos if photo.camera is not None]
+    training_cameras = capture.train_cameras
     if len(training_cameras) < len(capture.train) or len(training_cameras) < 2:
         received = f"has {len(training_cameras)} training photos with a camera of {len(capture.train)}"
         raise InputError(capture.name, received, "give a capture of at least two photos, all with cameras")
@@ -269,7 +269,7 @@ def run_configuration(cfg: DictConfig, task: DistilTask) -> DictConfig:
     return reduced_cfg
 
 
-def _capture_of_run(run: Path) -> tuple[Path, Scene]:
+def _splat_and_capture_of_run(run: Path) -> tuple[Path, Scene]:
     """Splat of a run, and its photos with the run's split."""
     rendered = read_run(run)
     names = [view.name for view in (*rendered.targets, *rendered.references)]

@@ -11,8 +11,8 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.lpips import PerceptualDistance
 from gaussian_enhancer.metrics.pair import PROTOCOL, measure_pair
 from gaussian_enhancer.metrics.records import Record
-from gaussian_enhancer.scene.photos import list_images, read_coverage, read_header, read_photo
-from gaussian_enhancer.scene.renders import run_steps
+from gaussian_enhancer.scene.photos import images_by_stem, read_coverage, read_header, read_photo
+from gaussian_enhancer.scene.renders import choose_step
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,8 @@ def pair_folders(
     """
     if unmatched not in ("refuse", "drop"):
         raise InputError("unmatched", f"is {unmatched!r}", "use refuse or drop")
-    image_files, photo_files = _by_stem(images), _by_stem(photos)
-    mask_files = _by_stem(masks) if masks is not None else {}
+    image_files, photo_files = images_by_stem(Path(images)), images_by_stem(Path(photos))
+    mask_files = images_by_stem(Path(masks)) if masks is not None else {}
     without_photo = [path for stem, path in image_files.items() if stem not in photo_files]
     if len(without_photo) == len(image_files):
         raise InputError(images, f"shares no file name with {photos}", "name the folder of these images' photos")
@@ -105,14 +105,7 @@ def pair_run(
         InputError: the folder has no such renders or no photos, or `pair_folders` raises it.
     """
     root = Path(folder)
-    if not root.is_dir():
-        raise InputError(root, "is no folder", "name a run's folder")
-    steps = run_steps(root)
-    if not steps:
-        raise InputError(root, "holds no test/ours_<step>/renders", "name a run's folder with held-out renders")
-    if step is not None and step not in steps:
-        raise InputError(root, f"has no renders of step {step}", f"choose one of {', '.join(map(str, steps))}")
-    chosen_step = steps[-1] if step is None else step
+    chosen_step = choose_step(root, step)
     step_folder = root / "test" / f"ours_{chosen_step}"
     if not (step_folder / "gt").is_dir():
         raise InputError(step_folder, "has no gt photos to measure against", "render the run again with its photos")
@@ -156,16 +149,6 @@ def measure_files(
             size=(image.shape[2], image.shape[1]),
             protocol=PROTOCOL,
         )
-
-
-def _by_stem(folder: str | Path) -> dict[str, Path]:
-    """A folder's images by file name without ending, which must be unique."""
-    by_stem: dict[str, Path] = {}
-    for path in list_images(Path(folder)):
-        if path.stem in by_stem:
-            raise InputError(path, f"has the name of {by_stem[path.stem].name}", "keep one image of each name")
-        by_stem[path.stem] = path
-    return by_stem
 
 
 def _check_sizes(image: Path, photo: Path, mask: Path | None) -> None:

@@ -12,6 +12,7 @@ from gaussian_enhancer.report.collect import compared_views, provenance_of
 from gaussian_enhancer.report.compared import ComparedView
 from gaussian_enhancer.report.figures import contact_sheet
 from gaussian_enhancer.report.page import write_report
+from gaussian_enhancer.scene.photos import background_colour
 from gaussian_enhancer.scene.renders import run_steps
 
 
@@ -66,8 +67,8 @@ def open_measured(folder: str | Path) -> MeasuredRun:
     config = read_configuration(root / "config.yaml")
     renders, enhanced, photos = _image_folders(root, config)
     costs = _costs(config)
-    red, green, blue = (float(value) for value in config.get("background") or (0, 0, 0))
-    views = compared_views(renders, enhanced, photos, (*records, *costs), (red, green, blue))
+    background = background_colour(config.get("background") or (0, 0, 0))
+    views = compared_views(renders, enhanced, photos, (*records, *costs), background)
     return MeasuredRun(views, (*records, *costs), config, root)
 
 

@@ -147,8 +147,7 @@ def render_capture(
         InputError: the splat cannot be read, the method or ``views`` is unknown, no view of that choice exists, or none
             of them shows a Gaussian.
     """
-    cameras = [photo.camera for photo in capture.train_photos if photo.camera is not None]
-    renderer = open_renderer(file, cameras, capture.background, method, device, invalid)
+    renderer = open_renderer(file, capture.train_cameras, capture.background, method, device, invalid)
     photos = {"test": capture.test_photos, "train": capture.train_photos, "all": capture.photos}
     if views not in photos:
         raise InputError("views", f"is {views!r}", f"choose {', '.join(photos)}")

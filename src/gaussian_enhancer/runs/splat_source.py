@@ -17,7 +17,7 @@ from gaussian_enhancer.types import Camera
 
 
 @dataclass(frozen=True)
-class Capture:
+class SplatWithCapture:
     """A splat's file with the cameras and photos of its capture.
 
     Args:
@@ -45,9 +45,9 @@ class Capture:
             InputError: the splat cannot be read or lies outside the capture's views, or the method is unknown.
         """
         if self.scene is None:
-            training = [view.camera for view in self.rendered.references if view.camera is not None]
+            training = tuple(view.camera for view in self.rendered.references if view.camera is not None)
         else:
-            training = [photo.camera for photo in self.scene.train_photos if photo.camera is not None]
+            training = self.scene.train_cameras
         file = self.splat if splat is None else splat
         renderer = open_renderer(file, training, self.rendered.background, cfg.method, device, cfg.invalid)
         refuse_unseen(renderer, self.cameras, file, self.rendered.name)
@@ -65,7 +65,7 @@ class Capture:
         return RenderedSet(self.scene.name, (), references, self.scene.background, own_depth=True)
 
 
-def open_capture(cfg: DictConfig, job: str) -> Capture:
+def open_splat_with_capture(cfg: DictConfig, job: str) -> SplatWithCapture:
     """Read the capture of a configuration that has one of ``run`` and ``gaussians``. The splat itself is not read.
 
     Args:
@@ -77,7 +77,7 @@ def open_capture(cfg: DictConfig, job: str) -> Capture:
     """
     inputs = {name: cfg[name] for name in ("run", "gaussians")}
     form = only_given(inputs, job, "nothing to render", "give one of run=FOLDER, gaussians=FILE with scene=...")
-    return _capture_of_run(cfg) if form == "run" else _capture_of_splat(cfg)
+    return _read_run(cfg) if form == "run" else _read_splat_and_scene(cfg)
 
 
 def splat_file(run: str | Path) -> Path:
@@ -99,20 +99,22 @@ def splat_file(run: str | Path) -> Path:
     return latest
 
 
-def _capture_of_run(cfg: DictConfig) -> Capture:
+def _read_run(cfg: DictConfig) -> SplatWithCapture:
     rendered = read_run(cfg.run)
     views = sorted((*rendered.targets, *rendered.references), key=lambda view: view.name)
     cameras = tuple(view.camera for view in views if view.camera is not None)
     if len(cameras) < len(views):
         raise InputError(cfg.run, "has views without a camera", "give gaussians=FILE with scene=... instead")
-    return Capture(splat_file(cfg.run), cameras, rendered)
+    return SplatWithCapture(splat_file(cfg.run), cameras, rendered)
 
 
-def _capture_of_splat(cfg: DictConfig) -> Capture:
+def _read_splat_and_scene(cfg: DictConfig) -> SplatWithCapture:
     if not cfg.get("scene"):
         raise InputError("gaussians", "comes without its capture", "add scene=capture scene.path=FOLDER")
     scene: Scene = build(cfg.scene)
     cameras = tuple(photo.camera for photo in scene.photos if photo.camera is not None)
     if len(cameras) < len(scene.photos):
         raise InputError(scene.name, "has photos without a camera", "give a capture with cameras")
-    return Capture(find_splat(cfg.gaussians), cameras, RenderedSet(scene.name, (), (), scene.background, True), scene)
+    return SplatWithCapture(
+        find_splat(cfg.gaussians), cameras, RenderedSet(scene.name, (), (), scene.background, True), scene
+    )

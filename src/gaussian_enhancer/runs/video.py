@@ -14,6 +14,7 @@ from omegaconf import DictConfig, open_dict
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import file_digest
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.path_references import PathReferences
 from gaussian_enhancer.infer.validated_inputs import ValidatedInputs
@@ -21,7 +22,7 @@ from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.runs.enhancement import effective_options, options_of, prepare_enhancement
 from gaussian_enhancer.runs.inputs import InputPaths, Task, attach_fine
 from gaussian_enhancer.runs.path_surfaces import refuse_inside
-from gaussian_enhancer.runs.splat_source import open_capture, splat_file
+from gaussian_enhancer.runs.splat_source import open_splat_with_capture, splat_file
 from gaussian_enhancer.scene.camera_path import (
     PathSettings,
     Shape,
@@ -196,7 +197,7 @@ def read_path_task(cfg: DictConfig, device: str, fine: bool) -> tuple[CameraPath
     Raises:
         InputError: no splat or several were given, the input cannot be read, or the path cannot be computed.
     """
-    capture = open_capture(cfg, "video")
+    capture = open_splat_with_capture(cfg, "video")
     path = compute_path(cfg, capture.cameras)
     renderer = capture.renderer(cfg, device)
     refuse_inside(path.cameras, capture.cameras, renderer, f"path={cfg.path}")
@@ -219,7 +220,7 @@ def compute_path(cfg: DictConfig, cameras: Sequence[Camera]) -> CameraPath:
     Raises:
         InputError: the path does not exist, it cannot be computed, or it leaves the capture.
     """
-    shape_or_file, subject, height = str(cfg.path), f"path={cfg.path}", _whole_number(cfg, "height")
+    shape_or_file, subject, height = str(cfg.path), f"path={cfg.path}", cfg.height
     name, fps = shape_or_file, None
     clip = None if cfg.input is None else _open_clip(cfg)
     path_cameras: Sequence[Camera]
@@ -285,25 +286,6 @@ def run_configuration(video: VideoTask) -> DictConfig:
             configuration.pop(name, None)
         configuration.update({"output": None, "made_of": digests})
     return configuration
-
-
-def file_digest(path: Path) -> str:
-    """SHA-256 of a file's content, as hexadecimal digits.
-
-    Args:
-        path: the file.
-    """
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _whole_number(cfg: DictConfig, key: str) -> int | None:
-    value = cfg[key]
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, int) or not 2 <= value <= 16384:
-        raise InputError(key, f"is {value!r}", "give pixels from 2 to 16384, or null")
-    return value
 
 
 def _path_digest(cameras: Sequence[Camera]) -> str:

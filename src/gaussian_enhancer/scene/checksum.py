@@ -12,7 +12,7 @@ from email.message import Message
 from pathlib import Path
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import write_text
+from gaussian_enhancer.files import file_digest, write_text
 from gaussian_enhancer.scene.datasets import Archive
 
 
@@ -35,8 +35,7 @@ def check_archive(archive: Archive, file: Path, destination: Path, md5: str | No
     size = file.stat().st_size
     if archive.bytes not in (None, size):
         raise InputError(destination, f"has {size} bytes where {archive.bytes} are recorded", _remedy(destination))
-    with file.open("rb") as stream:
-        sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
+    sha256 = file_digest(file)
     checksum_file = destination.with_name(f"{destination.name}.sha256")
     expected_sha256 = {"recorded": archive.sha256, f"in {checksum_file.name}": _read_checksum(checksum_file)}
     for origin, expected in expected_sha256.items():

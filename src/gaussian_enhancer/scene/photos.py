@@ -69,6 +69,20 @@ def list_images(folder: Path) -> list[Path]:
     return files
 
 
+def images_by_stem(folder: Path) -> dict[str, Path]:
+    """The image files in a folder by name without ending.
+
+    Raises:
+        InputError: the folder does not exist or holds no image, or two images differ only in their ending.
+    """
+    images: dict[str, Path] = {}
+    for path in list_images(folder):
+        if path.stem in images:
+            raise InputError(path, f"has the name of {images[path.stem].name}", "keep one image of each name")
+        images[path.stem] = path
+    return images
+
+
 def refuse_unprintable(name: str, source: object) -> None:
     """Refuse a file name that is not valid UTF-8, which records and pages could not show.
 
@@ -118,9 +132,10 @@ def background_colour(values: Sequence[object]) -> tuple[float, float, float]:
     Raises:
         InputError: the values are not three numbers from 0 to 1.
     """
-    numbers = [float(value) for value in values if isinstance(value, int | float) and 0 <= value <= 1]
-    if len(values) != 3 or len(numbers) != 3:
-        raise InputError("background", f"is {list(values)}", "give three numbers from 0 to 1")
+    given = values if isinstance(values, Sequence) else ()
+    numbers = [float(value) for value in given if isinstance(value, int | float) and 0 <= value <= 1]
+    if len(given) != 3 or len(numbers) != 3:
+        raise InputError("background", f"is {values}", "give three numbers from 0 to 1")
     return numbers[0], numbers[1], numbers[2]
 
 

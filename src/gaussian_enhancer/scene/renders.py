@@ -16,7 +16,7 @@ from gaussian_enhancer.input_files import read_text, reader
 from gaussian_enhancer.scene.cameras import ListedCamera, cameras_by_stem, read_cameras
 from gaussian_enhancer.scene.depth_files import ReadDepth, depth_size, find_depth
 from gaussian_enhancer.scene.high_resolution import UPSCALE, is_finer, original_size
-from gaussian_enhancer.scene.photos import list_images, read_header
+from gaussian_enhancer.scene.photos import images_by_stem, list_images, read_header
 from gaussian_enhancer.scene.posed import ReadCoverage, ReadPhoto, evenly_resized
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.scene import Scene
@@ -46,6 +46,31 @@ def run_steps(folder: Path, side: Literal["train", "test"] = "test") -> tuple[in
 
 
 @reader
+def choose_step(root: Path, step: int | None = None) -> int:
+    """The training step whose held-out renders are read: the given one, or the latest.
+
+    Args:
+        root: a run's folder.
+        step: training step; None takes the latest.
+
+    Raises:
+        InputError: the folder does not exist, cannot be read, or has no such renders.
+    """
+    if not root.is_dir():
+        raise InputError(root, "is no folder", "name a fitted run's folder")
+    os.scandir(root).close()  # raises for an unreadable folder, which glob treats as empty
+    steps = run_steps(root)
+    if not steps:
+        remedy = "name a fitted run's folder with held-out renders"
+        if (root / "point_cloud").is_dir():
+            remedy += f", or render its splat: gaussians={root} {_scene_options(root)}"
+        raise InputError(root, "holds no test/ours_<step>/renders", remedy)
+    if step is not None and step not in steps:
+        raise InputError(root, f"has no renders of step {step}", f"choose one of {', '.join(map(str, steps))}")
+    return steps[-1] if step is None else step
+
+
+@reader
 def read_run(
     folder: str | Path,
     step: int | None = None,
@@ -70,7 +95,7 @@ def read_run(
             differ, or cameras do not match.
     """
     root = Path(folder)
-    chosen_step = _step(root, step)
+    chosen_step = choose_step(root, step)
     test_folder, train_folder = root / f"test/ours_{chosen_step}", root / f"train/ours_{chosen_step}"
     background_colour = background if background is not None else _background(root)
     cameras = read_cameras(root / "cameras.json") if (root / "cameras.json").is_file() else ()
@@ -126,8 +151,8 @@ def read_folder(
             camera in ``cameras``.
     """
     root = Path(renders)
-    files = _images_by_stem(root)
-    truth_photos = _images_by_stem(Path(photos)) if photos is not None else {}
+    files = images_by_stem(root)
+    truth_photos = images_by_stem(Path(photos)) if photos is not None else {}
     cameras_file = Path(cameras or "")
     named_cameras = cameras_by_stem(read_cameras(cameras_file), cameras_file) if cameras is not None else None
     depths = Path(depth) if depth is not None else None
@@ -167,21 +192,6 @@ def _scene_options(run: Path) -> str:
     return f"scene=capture scene.path={match[1] if match else 'CAPTURE'}"
 
 
-def _step(root: Path, step: int | None) -> int:
-    if not root.is_dir():
-        raise InputError(root, "is no folder", "name a fitted run's folder")
-    os.scandir(root).close()  # raises for an unreadable folder, which glob treats as empty
-    steps = run_steps(root)
-    if not steps:
-        remedy = "name a fitted run's folder with held-out renders"
-        if (root / "point_cloud").is_dir():
-            remedy += f", or render its splat: gaussians={root} {_scene_options(root)}"
-        raise InputError(root, "holds no test/ours_<step>/renders", remedy)
-    if step is not None and step not in steps:
-        raise InputError(root, f"has no renders of step {step}", f"choose one of {', '.join(map(str, steps))}")
-    return steps[-1] if step is None else step
-
-
 def _run_of(renders: Path) -> tuple[Path | None, int]:
     """Run folder and step of a folder of held-out renders, derived from its path; (None, 0) if it lies in no run."""
     match = re.fullmatch(r"ours_(\d+)", renders.resolve().parent.name)
@@ -191,17 +201,7 @@ def _run_of(renders: Path) -> tuple[Path | None, int]:
 
 
 def _stems(side: Path) -> list[str]:
-    return list(_images_by_stem(side / "renders"))
-
-
-def _images_by_stem(folder: Path) -> dict[str, Path]:
-    """The images in a folder by name without ending; images that differ only in their ending are refused."""
-    images: dict[str, Path] = {}
-    for path in list_images(folder):
-        if path.stem in images:
-            raise InputError(path, f"has the name of {images[path.stem].name}", "keep one image of each name")
-        images[path.stem] = path
-    return images
+    return list(images_by_stem(side / "renders"))
 
 
 def _find_folders(side: Path) -> _Folders:

@@ -83,6 +83,11 @@ class Scene:
         return tuple(self.photos[i] for i in self.train)
 
     @property
+    def train_cameras(self) -> tuple[Camera, ...]:
+        """The cameras of the training photos that have one."""
+        return tuple(photo.camera for photo in self.train_photos if photo.camera is not None)
+
+    @property
     def test_photos(self) -> tuple[Photo, ...]:
         """The held-out photos."""
         return tuple(self.photos[i] for i in self.test)

@@ -18,7 +18,7 @@ from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.runs.inputs import InputPaths, Task, attach_fine
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer
-from gaussian_enhancer.runs.splat_source import Capture, open_capture, splat_file
+from gaussian_enhancer.runs.splat_source import SplatWithCapture, open_splat_with_capture, splat_file
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.scene import Photo
 from gaussian_enhancer.viewer.session import Choices, Session, SessionChoice
@@ -39,7 +39,7 @@ def open_session(cfg: DictConfig, device: torch.device) -> Session:
     Raises:
         InputError: the input cannot be read, weights are missing, or an option is out of range.
     """
-    capture = open_capture(cfg, "view")
+    capture = open_splat_with_capture(cfg, "view")
     files = {RAW: capture.splat} | ({} if cfg.distilled is None else {DISTILLED: _splat_path(cfg.distilled)})
     plans = _plans(build(cfg.plan))
     strength = None if cfg.strength is None else float(cfg.strength)
@@ -64,7 +64,12 @@ class _StageBuilder:
     """
 
     def __init__(
-        self, cfg: DictConfig, device: torch.device, capture: Capture, files: dict[str, Path], plans: dict[str, Rules]
+        self,
+        cfg: DictConfig,
+        device: torch.device,
+        capture: SplatWithCapture,
+        files: dict[str, Path],
+        plans: dict[str, Rules],
     ) -> None:
         self.cfg, self.device, self.capture, self.files, self.plans = cfg, device, capture, files, plans
         self._splat = cache(self._read)
@@ -145,7 +150,7 @@ def _weights(configured: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys((configured, *shipped)))
 
 
-def _capture_name(capture: Capture) -> str:
+def _capture_name(capture: SplatWithCapture) -> str:
     """The capture's name; a capture without cameras is refused."""
     name = capture.rendered.name if capture.scene is None else capture.scene.name
     if not capture.cameras:

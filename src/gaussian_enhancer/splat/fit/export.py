@@ -44,7 +44,7 @@ def export_views(folder: Path, scene: Scene, gaussians: Gaussians, method: Metho
     """
     gaussians_on_cpu = cache(lambda: gaussians.to("cpu"))
     write_scene_cameras(folder / "cameras.json", scene)
-    near = near_plane([photo.camera for photo in scene.train_photos if photo.camera is not None])
+    near = near_plane(scene.train_cameras)
     for split, photos in (("train", scene.train_photos), ("test", scene.test_photos)):
         stems = [Path(photo.name).stem for photo in photos]
         for stem in stems:
