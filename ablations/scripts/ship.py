@@ -7,7 +7,6 @@ confidence and their way to align references come with them.
 ``references`` and ``candidates`` replace the numbers of references and candidates that the training used.
 """
 
-import json
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +14,7 @@ from omegaconf import DictConfig
 
 from gaussian_enhancer.checkpoint import SHIPPED_FOLDER
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import write_text
+from gaussian_enhancer.files import write_json
 from gaussian_enhancer.infer.weights import Pretrained, design_of, load_weights, reference_config_of, save_weights
 from gaussian_enhancer.network.cascade import Cascade
 from gaussian_enhancer.network.network import Network
@@ -60,4 +59,4 @@ def run(cfg: DictConfig) -> None:
     reference_config = replace(reference_config, **counts)
     card |= {"reference_config": reference_config_of(reference_config)}
     save_weights(SHIPPED_FOLDER / f"{cfg.name}.safetensors", network, reference_config, card, confidence)
-    write_text(SHIPPED_FOLDER / f"{cfg.name}.json", json.dumps(card, indent=2) + "\n")
+    write_json(SHIPPED_FOLDER / f"{cfg.name}.json", card, indent=2)

@@ -40,16 +40,15 @@ def cases() -> list[Case]:
     ]
 
 
-def module_of(network: Network, share: float = 1.0) -> EnhancerModule:
+def module_of(network: Network) -> EnhancerModule:
     """A training module of a network, as the job train sets it up.
 
     Args:
         network: to train.
-        share: largest share of samples that may be dropped.
     """
     loss = WeightedLoss({"photo": Weighted(Relative(Charbonnier(), 0.02)), "shape": Weighted(DSSIM(), 0.1)})
     optimizer = partial(torch.optim.AdamW, lr=8e-4, betas=(0.9, 0.99), weight_decay=1e-4)
-    return EnhancerModule(network, loss, gains(), optimizer, bad_share=share)
+    return EnhancerModule(network, loss, gains(), optimizer, bad_share=1.0)
 
 
 def small_network() -> SIF:

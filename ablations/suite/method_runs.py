@@ -19,7 +19,7 @@ from ablations.suite.evaluation import StudyCell, compose_checked, measure_now, 
 from gaussian_enhancer.cli import train, train_generator
 from gaussian_enhancer.cli.pipeline import fit_run
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import write_text
+from gaussian_enhancer.files import write_json
 from gaussian_enhancer.metrics.backbones import data_backbones
 from gaussian_enhancer.metrics.image_folders import Label
 from gaussian_enhancer.metrics.lpips import perceptual_distance
@@ -267,7 +267,7 @@ class Runs:
             ]
             write_records(row_run.folder / "records.jsonl", records)
             folders = {"images": str(images.folder), "photos": str(images.photos)}
-            write_text(row_run.folder / "images.json", json.dumps(folders) + "\n")
+            write_json(row_run.folder / "images.json", folders)
             row_run.finish()
 
     def make_fit(self, overrides: Sequence[str]) -> Run:

@@ -5,6 +5,7 @@ After a killed run, or on a full disk, there is either the old file or none.
 
 import hashlib
 import io
+import json
 import os
 import tempfile
 import threading
@@ -148,6 +149,20 @@ def write_text(path: str | Path, text: str) -> None:
     """
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def write_json(path: str | Path, value: object, indent: int | None = None) -> None:
+    """Write a value atomically as JSON with a final newline.
+
+    Args:
+        path: the file.
+        value: value that `json.dumps` accepts.
+        indent: spaces per level; None writes one line.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    write_text(path, json.dumps(value, indent=indent) + "\n")
 
 
 def file_digest(path: Path) -> str:

@@ -10,7 +10,7 @@ from omegaconf import DictConfig, open_dict
 
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import write_text
+from gaussian_enhancer.files import write_json
 from gaussian_enhancer.infer.weights import (
     PARTS,
     copy_values,
@@ -110,7 +110,7 @@ def _train(cfg: DictConfig, job: Run) -> float | None:
         **({"dropped": non_finite} if non_finite else {}),
     }
     save_weights(job.folder / "weights.safetensors", module.network, reference_config, card)  # type: ignore[arg-type]
-    write_text(job.folder / "card.json", json.dumps(card, indent=2) + "\n")
+    write_json(job.folder / "card.json", card, indent=2)
     job.finish()
     print(f"{job.folder / 'weights.safetensors'}: " + ", ".join(f"{k} {v:+.4f}" for k, v in validation.items()))
     return validation["gain/psnr"]

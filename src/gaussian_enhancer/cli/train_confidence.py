@@ -1,6 +1,5 @@
 """The job ``train_confidence``: train the change confidence of weights on fits with held-out views."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError, refuse_unknown
-from gaussian_enhancer.files import write_text
+from gaussian_enhancer.files import write_json
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.weights import (
@@ -71,7 +70,7 @@ def run(cfg: DictConfig) -> None:
     }
     card = {**pretrained.card, "reference_config": reference_config_of(reference_config), "confidence": confidence_card}
     save_weights(weights, pretrained.network, reference_config, card, confidence)
-    write_text(job.folder / "card.json", json.dumps(card, indent=2) + "\n")
+    write_json(job.folder / "card.json", card, indent=2)
     job.finish()
     print_line(console, f"{weights}: learnt from {count} views")
 

@@ -12,7 +12,7 @@ from gaussian_enhancer.console import print_line
 from gaussian_enhancer.degrade.generative.second_stage import FactorDesign, FactorModel
 from gaussian_enhancer.degrade.generative.weights import load_model, save_model
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import write_text
+from gaussian_enhancer.files import write_json, write_text
 from gaussian_enhancer.infer.weights import count_parameters
 from gaussian_enhancer.runs.instantiate import build, plain_values, require
 from gaussian_enhancer.runs.run import Run, open_run
@@ -73,7 +73,7 @@ def run(cfg: DictConfig) -> float | None:
         "run": job.digest,
     }
     save_model(weights, model, card)
-    write_text(job.folder / "card.json", json.dumps(card, indent=2) + "\n")
+    write_json(job.folder / "card.json", card, indent=2)
     job.finish()
     summary = ", ".join(f"{k} {v:+.4f}" for k, v in validation.items())
     print_line(console, f"{weights}: {summary}")

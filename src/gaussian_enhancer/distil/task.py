@@ -20,6 +20,7 @@ from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.validated_inputs import validate_inputs
 from gaussian_enhancer.infer.weights import load_weights
+from gaussian_enhancer.runs.arguments import only_given
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer, open_renderer, refuse_unseen
 from gaussian_enhancer.runs.splat_source import splat_file
@@ -134,11 +135,10 @@ def find_splat_and_capture(
     Raises:
         InputError: neither or both of run and splat are given, the splat has no capture, or the run cannot be read.
     """
-    if run is not None and gaussians is None:
-        return _splat_and_capture_of_run(Path(run))
-    if gaussians is None or run is not None:
-        received = "was given no splat" if gaussians is None else "was given run and gaussians"
-        raise InputError("distil", received, "give one of run=FOLDER, gaussians=FILE with scene=...")
+    inputs = {"run": run, "gaussians": gaussians}
+    only_given(inputs, "distil", "no splat", "give one of run=FOLDER, gaussians=FILE with scene=...")
+    if gaussians is None:
+        return _splat_and_capture_of_run(Path(run or ""))
     if capture is None:
         raise InputError("gaussians", "comes without its capture", "add scene=capture scene.path=FOLDER")
     return find_splat(gaussians), capture

@@ -4,13 +4,12 @@ It is plain data, to be printed and saved. `gaussian_enhancer.infer.planner` mak
 """
 
 import dataclasses
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import write_text
+from gaussian_enhancer.files import write_json
 from gaussian_enhancer.typed import check_fields
 from gaussian_enhancer.types import Region
 
@@ -158,4 +157,4 @@ class Plan:
         Raises:
             InputError: the file cannot be written.
         """
-        write_text(path, json.dumps(dataclasses.asdict(self), indent=1) + "\n")
+        write_json(path, dataclasses.asdict(self), indent=1)

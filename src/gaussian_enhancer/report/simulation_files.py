@@ -1,6 +1,5 @@
 """Files that the job ``simulate`` writes: samples, contact sheets, a page, and a record of the random draws."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,7 +14,7 @@ from gaussian_enhancer.degrade.gates.fingerprint import Fingerprint
 from gaussian_enhancer.degrade.gates.gate import ArtefactStep, Gate
 from gaussian_enhancer.degrade.photographed import SimulatorInput
 from gaussian_enhancer.degrade.simulator import Simulator
-from gaussian_enhancer.files import atomic_write, save_array, write_text
+from gaussian_enhancer.files import atomic_write, save_array, write_json
 from gaussian_enhancer.report.simulation import EDGE, Section, sheet, write_page
 from gaussian_enhancer.scene.image_files import write_image
 
@@ -132,4 +131,4 @@ def write_record(
         fingerprint.to_json(folder / "fingerprint.json")
     if isinstance(gate, AdaptiveGate):
         gate.to_file(folder / "gate.json")
-    write_text(folder / "simulation.json", json.dumps(record, indent=1) + "\n")
+    write_json(folder / "simulation.json", record, indent=1)

@@ -6,7 +6,6 @@ Axes: h height, w width.
 """
 
 import hashlib
-import json
 import math
 import shutil
 import time
@@ -24,7 +23,7 @@ from torch import Tensor
 
 from gaussian_enhancer.console import progress_bar
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import load_array, save_array, write_text
+from gaussian_enhancer.files import load_array, save_array, write_json
 from gaussian_enhancer.runs import lock
 from gaussian_enhancer.runs.run import digest_of
 from gaussian_enhancer.scene.colmap import camera_pose, read_model
@@ -166,7 +165,7 @@ def _recover_missing(
         _clear(folder)
         raise
     seconds = {CAMERAS: round(cameras_done - started, 1), DEPTH: round(time.monotonic() - cameras_done, 1)}
-    write_text(folder / SUMMARY, json.dumps({"found": recovered, "seconds": seconds}) + "\n")
+    write_json(folder / SUMMARY, {"found": recovered, "seconds": seconds})
 
 
 def _clear(folder: Path) -> None:

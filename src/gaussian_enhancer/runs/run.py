@@ -15,7 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 from yaml import YAMLError  # type: ignore[import-untyped]
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import write_text
+from gaussian_enhancer.files import write_json, write_text
 from gaussian_enhancer.runs import lock, status
 from gaussian_enhancer.runs.instantiate import require
 
@@ -44,7 +44,7 @@ class Run:
 
     def finish(self) -> None:
         """Mark the run as completed and unlock its folder. This is the last step of a job."""
-        write_text(self.folder / "done", json.dumps({"digest": self.digest, "time": time.time()}) + "\n")
+        write_json(self.folder / "done", {"digest": self.digest, "time": time.time()})
         status.remove_marks(self.folder)
         lock.release(self.folder)
 

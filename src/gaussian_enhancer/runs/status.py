@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Literal
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import write_text
+from gaussian_enhancer.files import write_json
 from gaussian_enhancer.runs import lock
 
 RUNNING, FAILED, DONE = "running", "failed", "done"
@@ -172,4 +172,4 @@ def _read(mark: Path) -> dict[str, object]:
 
 
 def _write(mark: Path, values: dict[str, object]) -> None:
-    write_text(mark, json.dumps(values) + "\n")
+    write_json(mark, values)

@@ -4,7 +4,6 @@ nerfstudio's viewer writes ``camera_path.json`` (``camera_path``, ``render_heigh
 poses are camera-to-world with OpenGL axes; its fields of view are vertical, in degrees.
 """
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import write_text
+from gaussian_enhancer.files import write_json
 from gaussian_enhancer.input_files import abbreviate, reader
 from gaussian_enhancer.scene.cameras import read_cameras
 from gaussian_enhancer.scene.colmap import camera_pose, read_model
@@ -106,7 +105,7 @@ def write_path(path: str | Path, cameras: Sequence[Camera], fps: float) -> None:
         entries.append({"camera_to_world": pose.flatten().tolist(), "fov": angle, "aspect": width / height})
     size = {"render_height": height, "render_width": width}
     content = {"camera_type": "perspective", **size, "fps": fps, "seconds": len(cameras) / fps}
-    write_text(path, json.dumps({**content, "is_cycle": False, "keyframes": [], "camera_path": entries}) + "\n")
+    write_json(path, {**content, "is_cycle": False, "keyframes": [], "camera_path": entries})
 
 
 def _from_nerfstudio(content: dict[str, Any], source: Path) -> FilePath:

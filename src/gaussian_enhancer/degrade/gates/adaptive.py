@@ -1,7 +1,6 @@
 """The adaptive gate: probabilities and strengths of artefacts, calibrated to the errors of a scene's renders."""
 
 import glob
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,7 +22,7 @@ from gaussian_enhancer.degrade.gates.gate import (
     enabled_types,
 )
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import write_text
+from gaussian_enhancer.files import write_json
 from gaussian_enhancer.scene.json_file import get_member, get_number, read_json
 from gaussian_enhancer.scene.rendered import RenderedSet
 
@@ -119,7 +118,7 @@ class AdaptiveGate:
             InputError: the file cannot be written.
         """
         record = {"chances": dict(self.chances), "limits": dict(self.limits), "regional": self.regional}
-        write_text(path, json.dumps(record, indent=1) + "\n")
+        write_json(path, record, indent=1)
 
     @classmethod
     def from_file(cls, path: str | Path, types: Mapping[str, bool] | None = None) -> "AdaptiveGate":

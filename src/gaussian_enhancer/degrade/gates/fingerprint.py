@@ -7,7 +7,6 @@ Axes: c channels, h height, w width.
 """
 
 import dataclasses
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ from kornia.filters import gaussian_blur2d
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import write_text
+from gaussian_enhancer.files import write_json
 from gaussian_enhancer.scene.rendered import RenderedSet
 
 DETAIL_SIGMA = 1.5
@@ -81,7 +80,7 @@ class Fingerprint:
         Raises:
             InputError: the file cannot be written.
         """
-        write_text(path, json.dumps(dataclasses.asdict(self), indent=1) + "\n")
+        write_json(path, dataclasses.asdict(self), indent=1)
 
 
 def measure_fingerprint(

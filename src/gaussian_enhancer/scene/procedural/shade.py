@@ -59,10 +59,10 @@ def render_depth(world: World, camera: Camera) -> Float[Tensor, "1 h w"]:
     return torch.cat(bands).view(1, camera.height, camera.width)
 
 
-def render_coverage(world: World, camera: Camera, grid: SampleGrid = PHOTO_GRID) -> Float[Tensor, "1 h w"]:
+def render_coverage(world: World, camera: Camera) -> Float[Tensor, "1 h w"]:
     """Render the share of each pixel's samples that geometry covers: the alpha of `render_photo`."""
     projected = project(world.mesh.corners, camera)
-    bands = [_coverage(face, camera, grid) for face, _, _ in _bands(world, projected, camera, grid)]
+    bands = [_coverage(face, camera, PHOTO_GRID) for face, _, _ in _bands(world, projected, camera, PHOTO_GRID)]
     return torch.cat(bands)[None]
 
 
