@@ -50,5 +50,5 @@ def render(
         remedy = "give gaussian_enhancer.Camera.from_matrices(K, world_to_camera, height, width)"
         raise InputError("camera", f"is of type {type(camera).__name__}", remedy)
     rendering_method = choose_method(method, splat) if isinstance(method, str) else method
-    colour = background_colour(background)
+    colour = background_colour([float(value) for value in background])
     return render_gaussians(splat, camera.to(splat.means.device), rendering_method, colour, near=float(near))

@@ -213,7 +213,8 @@ def _as_stored(image: Image.Image) -> Image.Image:
 
 def _tiff_orientation(image: Image.Image) -> int:
     """The EXIF orientation by which Pillow turns the pixels: 1 (none) to 8; from 5 on, height and width are swapped."""
-    return image.getexif().get(ExifTags.Base.Orientation, 1) if image.format == "TIFF" else 1
+    orientation = image.getexif().get(ExifTags.Base.Orientation) if image.format == "TIFF" else 1
+    return orientation if orientation in UNDO_ORIENTATION else 1
 
 
 def _has_alpha(image: Image.Image) -> bool:
