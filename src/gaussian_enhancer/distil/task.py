@@ -21,6 +21,7 @@ from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.validated_inputs import validate_inputs
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.runs.arguments import only_given
+from gaussian_enhancer.runs.enhancement import read_options
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer, open_renderer, refuse_unseen
 from gaussian_enhancer.runs.splat_source import splat_file
@@ -108,17 +109,7 @@ def read_enhancer(cfg: DictConfig, task: DistilTask, device: torch.device) -> Se
     """
     if not task.makes_views:
         return None
-    options = EnhancementOptions(
-        max_references=cfg.max_references,
-        depth_kind=cfg.depth_kind,
-        strength=cfg.strength,
-        colour_clamping=cfg.colour_clamping,
-        precision=cfg.precision,
-        tile=cfg.tile,
-        plan="full",
-        colour_completion=cfg.colour_completion,
-        confidence=cfg.confidence,
-    )
+    options = read_options(cfg, plan="full")
     return enhancer_of_new_views(task, cfg.weights, options, device)
 
 

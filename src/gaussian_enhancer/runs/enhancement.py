@@ -1,8 +1,9 @@
 """Builds the enhancer, the task and the validated inputs from the configuration of the job ``enhance``."""
 
 import copy
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import torch
 from omegaconf import DictConfig, open_dict
@@ -20,24 +21,20 @@ from gaussian_enhancer.runs.recovered_geometry import RecoveryProgress, lacks_ge
 from gaussian_enhancer.runs.runtime import choose_device
 
 
-def options_of(cfg: DictConfig) -> EnhancementOptions:
+def read_options(cfg: DictConfig, **given: Any) -> EnhancementOptions:
     """Read the enhancement options of a configuration.
+
+    Args:
+        cfg: configuration of a job that enhances. Options that it lacks keep their defaults.
+        given: values of options that replace the configuration's.
 
     Raises:
         InputError: an option is unknown or out of range.
     """
-    return EnhancementOptions(
-        cfg.max_references,
-        cfg.depth_kind,
-        cfg.strength,
-        cfg.colour_clamping,
-        cfg.temporal_smoothing,
-        cfg.precision,
-        cfg.tile,
-        build(cfg.plan),
-        cfg.colour_completion,
-        cfg.confidence,
-    )
+    values = {field.name: cfg[field.name] for field in fields(EnhancementOptions) if field.name in cfg}
+    if "plan" in cfg and "plan" not in given:
+        values["plan"] = build(cfg.plan)
+    return EnhancementOptions(**{**values, **given})
 
 
 def load_enhancement(cfg: DictConfig, device: torch.device) -> tuple[SetEnhancer, Task, ValidatedInputs]:
@@ -54,7 +51,7 @@ def load_enhancement(cfg: DictConfig, device: torch.device) -> tuple[SetEnhancer
         InputError: the weights do not exist, the input cannot be read, the output folder holds files of it, or an
             option is out of range.
     """
-    pretrained, options = load_weights(cfg.weights), options_of(cfg)
+    pretrained, options = load_weights(cfg.weights), read_options(cfg)
     task = read_task(cfg, device.type, pretrained.reference_config.fine)
     if cfg.output:
         refuse_input_folder(Path(cfg.output), task.rendered)

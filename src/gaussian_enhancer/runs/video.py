@@ -19,7 +19,7 @@ from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.path_references import PathReferences
 from gaussian_enhancer.infer.validated_inputs import ValidatedInputs
 from gaussian_enhancer.infer.weights import load_weights
-from gaussian_enhancer.runs.enhancement import effective_options, options_of, prepare_enhancement
+from gaussian_enhancer.runs.enhancement import effective_options, prepare_enhancement, read_options
 from gaussian_enhancer.runs.inputs import InputPaths, Task, attach_fine
 from gaussian_enhancer.runs.path_surfaces import refuse_inside
 from gaussian_enhancer.runs.splat_source import open_splat_with_capture, splat_file
@@ -174,7 +174,7 @@ def prepare_video(cfg: DictConfig, device: torch.device) -> VideoTask:
     """
     pretrained = load_weights(cfg.weights)
     path, task = read_path_task(cfg, device.type, pretrained.reference_config.fine)
-    enhancer, task, validated = prepare_enhancement(pretrained, task, options_of(cfg), device)
+    enhancer, task, validated = prepare_enhancement(pretrained, task, read_options(cfg), device)
     references = PathReferences.from_config(validated.reference_config)
     enhancer.reference_config = references
     return VideoTask(cfg, path, enhancer, task, replace(validated, reference_config=references))

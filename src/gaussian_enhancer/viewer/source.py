@@ -10,11 +10,11 @@ from omegaconf import DictConfig
 from gaussian_enhancer.align.references import ReferencePool
 from gaussian_enhancer.checkpoint import SHIPPED_FOLDER
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.path_references import PathReferences
 from gaussian_enhancer.infer.plan import AUTO, Rules
 from gaussian_enhancer.infer.validated_inputs import validate_inputs
 from gaussian_enhancer.infer.weights import load_weights
+from gaussian_enhancer.runs.enhancement import read_options
 from gaussian_enhancer.runs.inputs import InputPaths, Task, attach_fine
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer
@@ -83,17 +83,8 @@ class _StageBuilder:
             InputError: a splat or weights cannot be read, or a number is out of range.
         """
         cfg, pretrained = self.cfg, load_weights(choice.weights)
-        options = EnhancementOptions(
-            choice.max_references,
-            cfg.depth_kind,
-            None,
-            cfg.colour_clamping,
-            precision=cfg.precision,
-            tile=cfg.tile,
-            plan=self.plans[choice.plan],
-            colour_completion=cfg.colour_completion,
-            confidence=cfg.confidence,
-        )
+        plan = self.plans[choice.plan]
+        options = read_options(cfg, max_references=choice.max_references, strength=None, plan=plan)
         fine = pretrained.reference_config.fine
         task = self._task(choice.splat, fine)
         reference_config = options.reference_config(pretrained, task.depth)
