@@ -308,11 +308,9 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
                 write_picture(Path(cfg.pictures) / f"{name}.jpg", picture, text)
 
     def above(frame: pd.DataFrame, page: Path) -> list[str]:
-        return (
-            overall_section(frame, TableLayout(**plain_values(cfg.row_table)))
-            if cfg.last
-            else diagram_section(frame, page)
-        )
+        if cfg.last:
+            return overall_section(frame, TableLayout(**plain_values(cfg.row_table)))
+        return diagram_section(frame, page)
 
     return Study(
         chosen, measure, KEYS, COLUMNS, option="methods", derived=with_roles, above=above, below=picture_section

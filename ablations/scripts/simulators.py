@@ -47,11 +47,10 @@ def rows(names: Sequence[str], generator: str | None = None, steps: int = 8) -> 
         InputError: there is no such row, or a second stage comes without weights.
     """
     adapted = AdaptedGates()
+    generic = AllGate({name: name in GENERIC for name in TYPES})  # blur, noise and JPEG, all at once
     makers: dict[str, Row] = {
         "none": lambda _: Simulator(NoGate()),  # the photo itself: the distance of real renders from photos
-        "naive": lambda _: Simulator(
-            AllGate({name: name in GENERIC for name in TYPES})
-        ),  # blur, noise and JPEG, all at once
+        "naive": lambda _: Simulator(generic),
         "all": lambda _: Simulator(AllGate()),  # every type of artefact at once
         "random": lambda _: Simulator(RandomGate()),  # the paper's gate: random types in random order, some in regions
         "adaptive": lambda splat: Simulator(adapted(splat)),

@@ -25,7 +25,7 @@ from gaussian_enhancer.splat.io.open import read_splat
 from gaussian_enhancer.splat.io.ply import read_ply, write_ply
 from gaussian_enhancer.types import Gaussians
 from support.job_config import QUIET, initialised, job_config
-from support.synthetic_runs import coloured_sheet, plane_camera
+from support.synthetic_runs import coloured_sheet, copy_with_moved_splat, plane_camera
 
 STEPS = 40
 CAMERAS = [plane_camera(index, 48, 64) for index in range(8)]
@@ -196,10 +196,7 @@ def patched_build(capture: Scene):
 
 
 def test_a_splat_outside_the_training_views_is_refused(fitted, words, tmp_path):
-    moved = tmp_path / "moved"
-    shutil.copytree(fitted, moved)
-    gaussians = read_ply(fitted / "splat.ply")
-    write_ply(moved / "splat.ply", replace(gaussians, means=gaussians.means + 50))
+    moved = copy_with_moved_splat(fitted, tmp_path / "moved")
     with pytest.raises(InputError, match=r"splat\.ply: has no Gaussian in any view of moved"):
         run(configured(*words, f"run={moved}", f"output={tmp_path / 'better'}"))
     assert not (tmp_path / "better").exists()

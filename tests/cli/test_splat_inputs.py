@@ -41,7 +41,7 @@ OWN = {
         (["frames=1"], "frames"),
         (["fps=0"], "fps: is 0"),
         (["quality=99"], "quality: is 99"),
-        (["height=1"], "has frames of 1x1 pixels"),
+        (["height=1"], "height: is 1; give pixels"),
         (["temporal_smoothing=1"], "temporal_smoothing: is 1"),
     ],
 }

@@ -1,6 +1,5 @@
 """The job video on a small run of a textured plane, whose splat is a sheet of coloured Gaussians."""
 
-import dataclasses
 import itertools
 import json
 import shutil
@@ -15,12 +14,11 @@ from gaussian_enhancer.runs.splat_source import open_splat_with_capture
 from gaussian_enhancer.scene.photos import read_photo
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Photo, Scene
-from gaussian_enhancer.splat.io.ply import read_ply, write_ply
 from gaussian_enhancer.video.film import Film
 from support.bright_weights import write_bright_weights
 from support.clips import heard, write_clip
 from support.job_config import QUIET, job_config
-from support.synthetic_runs import plane_camera
+from support.synthetic_runs import copy_with_moved_splat, plane_camera
 
 av = pytest.importorskip("av", reason="PyAV is in the dependency group `test`")
 FRAMES = 5
@@ -145,10 +143,7 @@ def test_a_splat_and_its_capture_along_a_path_of_nerfstudio(sheet_run, weights, 
 
 
 def test_a_splat_outside_the_views_of_its_capture_is_refused(sheet_run, weights, tmp_path):
-    moved = tmp_path / "moved"
-    shutil.copytree(sheet_run, moved)
-    gaussians = read_ply(sheet_run / "splat.ply")
-    write_ply(moved / "splat.ply", dataclasses.replace(gaussians, means=gaussians.means + 50))
+    moved = copy_with_moved_splat(sheet_run, tmp_path / "moved")
     for job in ("video", "view"):
         cfg = job_config(job, f"run={moved}", f"weights={weights}", *QUIET)
         with pytest.raises(InputError, match=r"splat\.ply: has no Gaussian in any view of moved; give the splat in"):

@@ -1,5 +1,6 @@
 import json
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -191,6 +192,17 @@ def test_photos_of_references_are_fine_photos_only_if_one_is_larger_than_the_ren
     save(tmp_path / "photos/r_4.jpg", np.full((factor * HEIGHT, factor * WIDTH), 0.4))
     found = read_folder(tmp_path / "renders", tmp_path / "photos", finer=True)
     assert [view.read_fine_photo is not None for view in found.references] == [fine, fine]
+
+
+@pytest.mark.parametrize("factor", [1, 4])
+def test_a_captures_photos_count_as_larger_by_their_cameras_whatever_reads_them(tmp_path, scene, factor):
+    write_bare(tmp_path)
+    photos = tuple(
+        replace(photo, camera=photo.camera.resized(factor * HEIGHT, factor * WIDTH), read=lambda: torch.zeros(3, 4, 4))
+        for photo in scene.photos
+    )
+    found = read_folder(tmp_path / "renders", references=replace(scene, photos=photos), finer=True)
+    assert {view.read_fine_photo is not None for view in found.references} == {factor == 4}
 
 
 def test_bare_renders_with_depth_and_cameras(tmp_path, scene):

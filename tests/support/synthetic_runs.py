@@ -1,5 +1,7 @@
 """A fitted run's folder made without fitting: a textured plane, blurred photos as renders, exact depth."""
 
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,7 @@ from PIL import Image
 
 from gaussian_enhancer.scene.cameras import write_cameras
 from gaussian_enhancer.scene.rendered import RenderedView
+from gaussian_enhancer.splat.io.ply import read_ply, write_ply
 from gaussian_enhancer.types import Camera, Gaussians, identity_camera
 
 
@@ -73,3 +76,11 @@ def _write(path: Path, image: torch.Tensor) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     values = (image * 255).round().byte().permute(1, 2, 0).numpy()
     Image.fromarray(values[..., 0] if values.shape[2] == 1 else values).save(path)
+
+
+def copy_with_moved_splat(run: Path, folder: Path) -> Path:
+    """A copy of a run whose splat lies outside every view."""
+    shutil.copytree(run, folder)
+    gaussians = read_ply(run / "splat.ply")
+    write_ply(folder / "splat.ply", replace(gaussians, means=gaussians.means + 50))
+    return folder

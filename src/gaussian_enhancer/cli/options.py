@@ -36,7 +36,6 @@ Group = dict[str, Any]
 Count = Annotated[int, Field(ge=1)]
 NonNegativeInt = Annotated[int, Field(ge=0)]
 Side = Annotated[int, Field(ge=64, le=8192)]
-FrameSide = Annotated[int, Field(ge=2, le=16384)]
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -152,7 +151,7 @@ class Video(Enhancing):
     cameras: Count | None
     turns: float | None
     radius: Positive
-    height: FrameSide | None
+    height: Count | None
     format: str | None
     layout: str
     wipe: Share | None

@@ -170,7 +170,7 @@ def read_folder(
         reference_views = tuple(
             _reference(p, named_cameras, depths, depth_scale, cameras_file, background) for p in reference_files
         )
-    if finer and any(_is_larger(view.read_photo, targets[0].read) for view in reference_views):
+    if finer and any(_is_larger(view, targets[0]) for view in reference_views):
         reference_views = tuple(replace(view, read_fine_photo=view.read_photo) for view in reference_views)
     if not reference_views:
         if photos is None:
@@ -326,13 +326,12 @@ def _reference(
     )
 
 
-def _is_larger(photo: object, render: object) -> bool:
-    """Whether a photo has more pixels than a render. Both are readers of files, which hold the size."""
-    return (
-        isinstance(photo, ReadPhoto)
-        and isinstance(render, ReadPhoto)
-        and photo.height * photo.width > render.height * render.width
-    )
+def _is_larger(reference: RenderedView, target: RenderedView) -> bool:
+    """Whether a reference's photo has more pixels than a target's render, without decoding either."""
+    photo, render = reference.camera or reference.read_photo, target.read
+    if not isinstance(photo, Camera | ReadPhoto) or not isinstance(render, ReadPhoto):
+        return False
+    return photo.height * photo.width > render.height * render.width
 
 
 def _rename_references(references: tuple[RenderedView, ...]) -> tuple[RenderedView, ...]:
