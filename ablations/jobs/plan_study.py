@@ -127,7 +127,7 @@ def enhanced_by(rules: Rules, pretrained: Pretrained, rendered: RenderedSet, dev
     validated = validate_inputs(rendered, pretrained.reference_config, rules, pretrained.network.scale)
     enhancer = EnhancementOptions().enhancer(pretrained, validated.reference_config, device)
     planner = validated.planner(rules)
-    for read_file in validation_reads(validated, False, planner, False):
+    for read_file in validation_reads(validated, planner):
         read_file()
     images = tuple(enhancer(validated.rendered, planner, validated.pool))
     views = tuple(enhanced.plan for enhanced in images if enhanced.plan is not None)

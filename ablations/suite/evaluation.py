@@ -9,7 +9,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from ablations.suite.upsampled import bicubic, fine_photos, high_resolution_renders
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.cli.pipeline import enhance_run, fit_run
-from gaussian_enhancer.cli.train import network_configuration
+from gaussian_enhancer.cli.train import naming_configuration
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.image_folders import Label, measure_files, pair_folders
 from gaussian_enhancer.metrics.lpips import requested_distances
@@ -157,7 +157,7 @@ def method_weights(cfg: DictConfig, method_settings: DictConfig) -> str:
     """
     if method_settings.get("weights"):
         return str(method_settings.weights)
-    job = network_configuration(compose_checked("train", cfg, method_settings.train))
+    job = naming_configuration(compose_checked("train", cfg, method_settings.train))
     run = find_run(job, "train")
     if run is None or not run.done:
         command = f"gaussian-enhancer train {' '.join(method_settings.train)}"

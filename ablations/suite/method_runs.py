@@ -164,7 +164,7 @@ class Runs:
     def train_digest(self, experiment: Experiment, method: str, seed: int) -> str:
         """The digest of a method's training."""
         key = train_key(experiment, method, seed)
-        return self._digest(key, lambda: train.network_configuration(self.train_job(experiment, method, seed)))
+        return self._digest(key, lambda: train.naming_configuration(self.train_job(experiment, method, seed)))
 
     def row_job(self, experiment: Experiment, cell: StudyCell, method: str, seed: int | None) -> DictConfig:
         """Everything that determines a method's records in a cell; ``seed`` is None for a method without training."""
@@ -198,7 +198,7 @@ class Runs:
         if seed is None:
             return experiment.table.methods[method].weights
         job = self.train_job(experiment, method, seed)
-        run = find_run(train.network_configuration(job), "train")
+        run = find_run(train.naming_configuration(job), "train")
         if run is None or not run.done:
             if not self.cfg.train_missing:
                 command = f"gaussian-enhancer tables table={experiment.table.name} scale={self.cfg.scale.name}"
@@ -286,7 +286,7 @@ class Runs:
             self.simulator(int(job.seed))
         with status.track_runs():
             train.run(job)
-        run = find_run(train.network_configuration(job), "train")
+        run = find_run(train.naming_configuration(job), "train")
         if run is None or not run.done:
             raise KeyboardInterrupt
         return run

@@ -14,7 +14,7 @@ from ablations.suite.evaluation import StudyCell
 from ablations.suite.inputs import missing_inputs
 from ablations.suite.method_runs import Runs, train_key
 from ablations.suite.time_estimates import Estimates
-from gaussian_enhancer.cli.train import network_configuration
+from gaussian_enhancer.cli.train import naming_configuration
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.run import find_run, run_digest
 from gaussian_enhancer.runs.status import NAMES, State, state_of
@@ -161,7 +161,7 @@ class _Plan:
         return self._add(
             work,
             f"seed{seed}",
-            lambda: network_configuration(self.runs.train_job(experiment, method, seed)),
+            lambda: naming_configuration(self.runs.train_job(experiment, method, seed)),
             tuple(inputs),
             key=key,
         )

@@ -17,7 +17,7 @@ from ablations.tradeoff.settings import NULL_NETWORKS, Setting
 from gaussian_enhancer.align.alignment import Unwarped
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.cli.enhance import load_enhancement
-from gaussian_enhancer.cli.train import network_configuration
+from gaussian_enhancer.cli.train import naming_configuration
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.weights import save_weights
@@ -69,7 +69,7 @@ class SettingLoader:
             save_weights(path, NULL_NETWORKS[setting.network](), ReferenceConfig(references=0, candidates=0), {})
             return str(path)
         training, seed = _training(self.cfg, setting), int(self.cfg.scale.seeds[0])
-        run = find_run(network_configuration(self.runs.train_job(training, setting.name, seed)), "train")
+        run = find_run(naming_configuration(self.runs.train_job(training, setting.name, seed)), "train")
         if not self.cfg.train_missing and (run is None or not run.done):
             overrides = f"{' '.join(setting.train)} seed={seed}"
             raise InputError(f"the training {overrides}", f"is not made yet at scale {self.cfg.scale.name}", TRAIN)

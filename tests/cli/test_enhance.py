@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from gaussian_enhancer.align.references import ReferenceConfig
-from gaussian_enhancer.cli.enhance import effective_options, run
+from gaussian_enhancer.cli.enhance import naming_configuration, run
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.plan import Rules
 from gaussian_enhancer.infer.weights import save_weights
@@ -88,10 +88,10 @@ def test_a_weights_file_with_new_content_leads_to_another_run(weights, tmp_path)
     path = tmp_path / "mine.safetensors"
     path.write_bytes(weights.read_bytes())
     options = configured(f"weights={path}")
-    before = effective_options(options)
-    assert effective_options(options) == before
+    before = naming_configuration(options)
+    assert naming_configuration(options) == before
     save_weights(path, SIF((8, 8, 8), (1, 1, 1)), ReferenceConfig(references=1), {})
-    assert effective_options(options) != before
+    assert naming_configuration(options) != before
 
 
 def test_frames_of_a_path_are_enhanced_by_one_process(plane_run, tmp_path):
@@ -212,9 +212,9 @@ def test_folders_without_cameras_are_enhanced_and_renders_of_another_place_stay(
 
 def test_recovery_is_part_of_a_runs_address_only_where_folders_are_given(plane_run):
     for override, same_address in ((f"run={plane_run}", True), ("renders=a", False)):
-        with_key = effective_options(configured(override))
+        with_key = naming_configuration(configured(override))
         assert ("recover_geometry" not in with_key) is same_address
-        assert with_key != effective_options(configured(override, "recover_geometry=false"))
+        assert with_key != naming_configuration(configured(override, "recover_geometry=false"))
 
 
 def test_a_splat_is_rendered_with_its_capture(plane_run, weights, tmp_path, monkeypatch):
@@ -390,15 +390,15 @@ def test_single_items_are_forced(plane_run, weights, tmp_path, capsys):
 
 def test_what_changes_no_image_is_no_part_of_a_runs_address(plane_run):
     auto, full = configured(f"run={plane_run}"), configured(f"run={plane_run}", "plan=full")
-    assert effective_options(full) == effective_options(
+    assert naming_configuration(full) == naming_configuration(
         configured(f"run={plane_run}", "plan=full", "dry_run=true", "temporal_smoothing=0")
     )
-    assert effective_options(full) != effective_options(
+    assert naming_configuration(full) != naming_configuration(
         configured(f"run={plane_run}", "plan=full", "temporal_smoothing=0.5")
     )
-    assert "plan" not in effective_options(full)
-    assert effective_options(auto) != effective_options(full)
-    assert effective_options(auto) != effective_options(configured(f"run={plane_run}", "plan.share=0.2"))
+    assert "plan" not in naming_configuration(full)
+    assert naming_configuration(auto) != naming_configuration(full)
+    assert naming_configuration(auto) != naming_configuration(configured(f"run={plane_run}", "plan.share=0.2"))
     assert auto.dry_run is False
 
 

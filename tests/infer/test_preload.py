@@ -24,7 +24,7 @@ def truncate(image: Path) -> None:
 def read_all(folder: Path, rules: Rules = AUTO, *, keep_photos: bool = False) -> ValidatedInputs:
     found = validate_inputs(read_run(folder), PREPARATION, rules)
     planner = found.planner(rules)
-    for read in validation_reads(found, keep_photos, planner, False):
+    for read in validation_reads(found, planner, keep_photos=keep_photos):
         read()
     return found
 

@@ -10,9 +10,9 @@ from hydra import compose, initialize_config_dir
 from lightning.pytorch.loggers import CSVLogger
 from PIL import Image
 
-from gaussian_enhancer.cli.train import network_configuration, run
+from gaussian_enhancer.cli.train import naming_configuration, run
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.runs.run import effective_config, run_digest
+from gaussian_enhancer.runs.run import result_values, run_digest
 from gaussian_enhancer.train.loggers import ResumableCSVLogger, make_loggers
 from gaussian_enhancer.train.trainer import device_count, spawn_count
 from support import paths
@@ -197,13 +197,13 @@ def full(*_):
 
 def test_neither_logger_nor_study_nor_processes_make_another_run():
     places = ("data.train=[]", "data.validation=[]")
-    plain = network_configuration(configured(*places))
+    plain = naming_configuration(configured(*places))
     watched = ("logger=wandb", "logger=tensorboard", "study=gates", "profiler=simple")
     for other in (*watched, "trainer.devices=2", "trainer.devices=1", "trainer.strategy=ddp"):
-        same = network_configuration(configured(*places, other))
+        same = naming_configuration(configured(*places, other))
         assert run_digest(same, "train") == run_digest(plain, "train"), other
-    assert "logger" not in effective_config(plain)
-    assert run_digest(network_configuration(configured(*places, "seed=1")), "train") != run_digest(plain, "train")
+    assert "logger" not in result_values(plain)
+    assert run_digest(naming_configuration(configured(*places, "seed=1")), "train") != run_digest(plain, "train")
 
 
 def test_any_lightning_logger_is_taken_by_its_target(tmp_path):

@@ -8,7 +8,7 @@ from omegaconf import OmegaConf
 
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.checkpoint import find_checkpoint
-from gaussian_enhancer.cli.train import _network, network_configuration
+from gaussian_enhancer.cli.train import _network, naming_configuration
 from gaussian_enhancer.degrade.simulator import NoSecondStage, Simulator
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
@@ -16,7 +16,7 @@ from gaussian_enhancer.infer.weights import design_of, load_weights, save_weight
 from gaussian_enhancer.network.fuse import Trust
 from gaussian_enhancer.network.ssif_lr import SSIFLR
 from gaussian_enhancer.runs.instantiate import build
-from gaussian_enhancer.runs.run import effective_config
+from gaussian_enhancer.runs.run import result_values
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.train.crops import BalancedDraw
 from gaussian_enhancer.train.data import RunsData
@@ -108,7 +108,7 @@ MISSING = ["data.train=[]", "data.validation=[]"]
 @pytest.mark.parametrize(("gate", "kind"), [("none", "NoGate"), ("all", "AllGate"), ("random", "RandomGate")])
 def test_every_gate_becomes_the_simulators(gate, kind):
     cfg = configured(*MISSING, f"gate={gate}", "generator=none", "data.simulation.share=1.0")
-    simulator = build(network_configuration(cfg).data.simulation.simulator)
+    simulator = build(naming_configuration(cfg).data.simulation.simulator)
     assert isinstance(simulator, Simulator)
     assert type(simulator.gate).__name__ == kind
     assert isinstance(simulator.second_stage, NoSecondStage)
@@ -126,30 +126,30 @@ def test_a_switch_of_a_gate_reaches_it():
 
 def test_a_simulator_without_effect_is_neither_built_nor_part_of_the_run(monkeypatch):
     idle = [
-        network_configuration(configured(*MISSING, *other))
+        naming_configuration(configured(*MISSING, *other))
         for other in ([], ["gate=all"], ["data.simulation.training_views=true"])
     ]
-    assert effective_config(idle[0]) == effective_config(idle[1]) == effective_config(idle[2])
+    assert result_values(idle[0]) == result_values(idle[1]) == result_values(idle[2])
     assert "gate" not in idle[0]
     monkeypatch.setattr(Simulator, "__init__", lambda self, *a, **k: pytest.fail("the simulator was built"))
     assert build(idle[0].data, samples={"cache": "unused"}).simulation is None
     shares = [
-        network_configuration(configured(*MISSING, "data.simulation.share=1.0", f"gate={gate}"))
+        naming_configuration(configured(*MISSING, "data.simulation.share=1.0", f"gate={gate}"))
         for gate in ("all", "random")
     ]
-    assert len({str(effective_config(cfg)) for cfg in (*shares, *idle)}) == 3
+    assert len({str(result_values(cfg)) for cfg in (*shares, *idle)}) == 3
 
 
 def test_weights_to_begin_with_are_named_by_what_they_hold(tmp_path):
-    plainly = network_configuration(configured(*MISSING))
+    plainly = naming_configuration(configured(*MISSING))
     assert "initial" not in plainly
     copied = tmp_path / "copied.safetensors"
     copied.write_bytes(find_checkpoint("lr_tiny").read_bytes())
     shipped, copy, other = (
-        network_configuration(configured(*MISSING, f"initial={one}")) for one in ("lr_tiny", copied, "sr_tiny")
+        naming_configuration(configured(*MISSING, f"initial={one}")) for one in ("lr_tiny", copied, "sr_tiny")
     )
-    assert effective_config(shipped) == effective_config(copy)
-    assert len({str(effective_config(cfg)) for cfg in (plainly, shipped, other)}) == 3
+    assert result_values(shipped) == result_values(copy)
+    assert len({str(result_values(cfg)) for cfg in (plainly, shipped, other)}) == 3
 
 
 def test_training_begins_with_weights_and_its_card_tells_of_them(plane_run, other_plane_run, tmp_path):
@@ -200,7 +200,7 @@ def test_parts_begin_with_weights_of_their_own(tmp_path):
         _network(other)
     with pytest.raises(InputError, match="no part of the network"):
         _network(configured(*cascade, "+initial.third=lr_tiny"))
-    assert len({str(effective_config(network_configuration(one))) for one in (cfg, other, configured(*cascade))}) == 3
+    assert len({str(result_values(naming_configuration(one))) for one in (cfg, other, configured(*cascade))}) == 3
 
 
 def test_a_part_begins_with_that_part_of_a_cascade():
@@ -215,8 +215,8 @@ def test_a_frozen_network_of_a_cascade_keeps_its_values_and_is_part_of_the_run()
     frozen, plain = configured(*cascade, "frozen=[first]"), configured(*cascade)
     trained = {name for name, value in _network(frozen).named_parameters() if value.requires_grad}
     assert trained == {name for name, _ in _network(plain).named_parameters() if name.startswith("second.")}
-    assert effective_config(network_configuration(frozen)) != effective_config(network_configuration(plain))
-    assert "frozen" not in network_configuration(plain)
+    assert result_values(naming_configuration(frozen)) != result_values(naming_configuration(plain))
+    assert "frozen" not in naming_configuration(plain)
     for missing in (configured(*cascade, "frozen=[third]"), configured(*MISSING, "frozen=[gather]")):
         with pytest.raises(InputError, match="no part of the network"):
             _network(missing)

@@ -106,7 +106,7 @@ def enhance_folder(
         task = recover_missing_geometry(task, pretrained, settings, Path(output) / "geometry")
     enhancer, task, validated = prepare_enhancement(pretrained, task, settings, target_device)
     planner = validated.planner(settings.rules)
-    for read_file in validation_reads(validated, False, planner, False):
+    for read_file in validation_reads(validated, planner):
         read_file()
     for reason in filter(None, (task.note, *validated.missing_references, *lost_references(enhancer, task, validated))):
         warnings.warn(reason, stacklevel=2)

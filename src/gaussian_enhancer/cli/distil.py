@@ -10,9 +10,9 @@ from gaussian_enhancer.console import print_line
 from gaussian_enhancer.distil.task import (
     DistilTask,
     improve_splat,
+    naming_configuration,
     read_distil_task,
     read_enhancer,
-    run_configuration,
 )
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.runs import status
@@ -53,7 +53,7 @@ def distil_run(cfg: DictConfig) -> Run:
     device = start(cfg.runtime)
     task = read_distil_task(cfg, device)
     enhancer = read_enhancer(cfg, task, device)
-    job = open_run(run_configuration(cfg, task), "distil", task.capture.name)
+    job = open_run(naming_configuration(cfg, task), "distil", task.capture.name)
     console = Console(stderr=True)
     if not job.done:
         with status.discard_if_refused(job.folder):

@@ -1,7 +1,7 @@
 """The job ``enhance``: enhance the renders of a fitted run, of a splat with its capture, or of a folder."""
 
 import statistics
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +16,8 @@ from gaussian_enhancer.infer.plan import Plan
 from gaussian_enhancer.infer.preload import validation_reads
 from gaussian_enhancer.metrics.records import write_records
 from gaussian_enhancer.runs.compose import compose_job
-from gaussian_enhancer.runs.enhancement import effective_options, load_enhancement, lost_references, process_count
+from gaussian_enhancer.runs.enhancement import load_enhancement, lost_references, naming_configuration, process_count
+from gaussian_enhancer.runs.inputs import Task
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.output import cost_records, write_enhanced, write_sources
 from gaussian_enhancer.runs.run import open_run
@@ -56,7 +57,7 @@ def run(cfg: DictConfig) -> float | None:
     rules = build(cfg.plan)
     planner = validated.planner(rules)
     progress_hidden = hides_progress(cfg, console)
-    reads = validation_reads(validated, not cfg.output, planner, cfg.dry_run)
+    reads = validation_reads(validated, planner, keep_photos=not cfg.output, render_splat=cfg.dry_run)
     for read_file in track(reads, "reading", console=console, disable=progress_hidden):
         read_file()
     plan = Plan(task.rendered.name, rules, validated.parts, () if planner is None else tuple(planner.plans.values()))
@@ -80,15 +81,22 @@ def run(cfg: DictConfig) -> float | None:
 
     if cfg.output:
         return _print_summary(write_enhanced_to(Path(cfg.output)), Path(cfg.output), console)
-    job = open_run(effective_options(cfg), "enhance", task.rendered.name, reused=False)
+    return _print_summary(*_write_run(cfg, task, plan, enhancer.network.scale, write_enhanced_to), console)
+
+
+def _write_run(
+    cfg: DictConfig, task: Task, plan: Plan, scale: int, write_enhanced_to: Callable[[Path], list[EnhancedView]]
+) -> tuple[list[EnhancedView], Path]:
+    """Write the folder of a run: enhanced images, renders, photos, records of the cost, and the plan."""
+    job = open_run(naming_configuration(cfg), "enhance", task.rendered.name, reused=False)
     step_folder = job.folder / "test" / f"ours_{task.step}"
     enhanced_views = write_enhanced_to(step_folder / "enhanced")
-    write_sources(task.rendered, step_folder, enhancer.network.scale)
+    write_sources(task.rendered, step_folder, scale)
     write_records(job.folder / "records.jsonl", cost_records(enhanced_views, job.folder.name, task))
     view_plans = tuple(view.plan for view in enhanced_views if view.plan is not None)
     replace(plan, views=view_plans or plan.views).to_file(job.folder / "plan.json")  # several processes return no plans
     job.finish()
-    return _print_summary(enhanced_views, job.folder, console)
+    return enhanced_views, job.folder
 
 
 def _with_distilled_splat(cfg: DictConfig) -> DictConfig:

@@ -48,11 +48,11 @@ def enhance_run(job: DictConfig) -> Path:
     Raises:
         InputError: the weights do not exist or cannot be used.
     """
-    run_configuration = enhance.effective_options(job)
-    existing = find_run(run_configuration, "enhance")
+    naming_configuration = enhance.naming_configuration(job)
+    existing = find_run(naming_configuration, "enhance")
     if existing is None or not existing.done:
         enhance.run(job)
-    return _finished_run(run_configuration, "enhance").folder
+    return _finished_run(naming_configuration, "enhance").folder
 
 
 def measure_run(job: DictConfig, fit_folder: Path) -> tuple[tuple[Record, ...], Path]:

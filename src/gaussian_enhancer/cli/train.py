@@ -52,7 +52,7 @@ def run(cfg: DictConfig) -> float | None:
     require(cfg)
     start(cfg.runtime)
     count = spawn_count(cfg)
-    job = open_run(_naming_configuration(cfg), "train", cfg.label, locked=is_first())
+    job = open_run(_with_digests(cfg), "train", cfg.label, locked=is_first())
     if job.done:
         print(f"trained already: {job.folder / 'weights.safetensors'}")
         return float(json.loads((job.folder / "card.json").read_text())["validation"]["gain/psnr"])
@@ -195,8 +195,8 @@ def _bad_share(cfg: DictConfig) -> float:
     return float(cfg.get("bad_share", BAD_SHARE))
 
 
-def network_configuration(cfg: DictConfig) -> DictConfig:
-    """The part of the configuration that determines the trained network; its hash names the run.
+def naming_configuration(cfg: DictConfig) -> DictConfig:
+    """Configuration that names the run's folder: the part that determines the trained network.
 
     Args:
         cfg: the complete configuration of the job.
@@ -204,21 +204,20 @@ def network_configuration(cfg: DictConfig) -> DictConfig:
     Raises:
         InputError: the initial weights cannot be read.
     """
-    return _naming_configuration(_without_unused_keys(cfg))
+    return _with_digests(_without_unused_keys(cfg))
 
 
-def _naming_configuration(cfg: DictConfig) -> DictConfig:
-    """The configuration whose hash names the run, from one without keys of no effect (`_without_unused_keys`)."""
-    run_configuration = result_configuration(cfg)
+def _with_digests(cfg: DictConfig) -> DictConfig:
+    """A configuration without keys that change no result, and with digests in place of the weights' paths."""
+    configuration = result_configuration(cfg)
     digests = {
-        name: checkpoint_digest(find_checkpoint(weights))
-        for name, weights in _initial_weights(run_configuration).items()
+        name: checkpoint_digest(find_checkpoint(weights)) for name, weights in _initial_weights(configuration).items()
     }
     if digests:  # the run depends on the content of the weights, not on their path
-        run_configuration.initial = digests.get("", digests)
-    if run_configuration.get("generator") and run_configuration.generator.get("weights"):
-        run_configuration.generator.weights = _second_stage_digest(str(run_configuration.generator.weights))
-    return run_configuration
+        configuration.initial = digests.get("", digests)
+    if configuration.get("generator") and configuration.generator.get("weights"):
+        configuration.generator.weights = _second_stage_digest(str(configuration.generator.weights))
+    return configuration
 
 
 def _second_stage_digest(weights: str) -> str:

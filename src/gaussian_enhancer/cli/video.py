@@ -19,9 +19,9 @@ from gaussian_enhancer.runs.video import (
     CameraPath,
     VideoOutput,
     load_video,
+    naming_configuration,
     prepare_video,
     read_output,
-    run_configuration,
 )
 from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.video.encode import VideoWriter
@@ -49,7 +49,7 @@ def run(cfg: DictConfig) -> None:
     for line in filter(None, (video.task.note, *video.validated.missing_references, video.path.note)):
         print_line(console, line)
     rendered = video.task.rendered
-    job = open_run(run_configuration(video), "video", f"{rendered.name}-{video.path.name}")
+    job = open_run(naming_configuration(video), "video", f"{rendered.name}-{video.path.name}")
     planner = video.validated.planner(build(cfg.plan))
     folder = FrameFolder(job.folder / "frames")
     film = Film(video.enhancer, rendered, planner, video.validated.pool, folder, output.layout.needs_render)

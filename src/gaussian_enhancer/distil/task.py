@@ -237,7 +237,7 @@ def improve_splat(
     )
 
 
-def run_configuration(cfg: DictConfig, task: DistilTask) -> DictConfig:
+def naming_configuration(cfg: DictConfig, task: DistilTask) -> DictConfig:
     """Configuration that names the run's folder: without keys that have no effect, with hashes of file contents.
 
     Args:

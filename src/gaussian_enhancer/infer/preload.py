@@ -14,25 +14,25 @@ from gaussian_enhancer.scene.rendered import RenderedView
 
 
 def validation_reads(
-    inputs: ValidatedInputs, keep_photos: bool, planner: Planner | None, rendering: bool
+    inputs: ValidatedInputs, planner: Planner | None, *, keep_photos: bool = False, render_splat: bool = False
 ) -> list[Callable[[], object]]:
     """The reads that find damaged files before the first image is written.
 
     Targets are planned as they are read. Their candidate references are read and stay in memory; other references are
-    not read. Targets that are rendered from a splat are planned when they are enhanced, unless ``rendering`` is set.
+    not read. Targets that are rendered from a splat are planned when they are enhanced, unless ``render_splat`` is set.
 
     Args:
         inputs: the validated input.
-        keep_photos: whether the targets' own photos are read as well.
         planner: plans each target; None if nothing may be left out.
-        rendering: also render and plan the targets of a splat.
+        keep_photos: whether the targets' own photos are read as well.
+        render_splat: also render and plan the targets of a splat.
 
     Returns:
         Functions without arguments; each raises `InputError` where a file is damaged.
     """
     reads: list[Callable[[], object]] = []
     for view in inputs.rendered.targets:
-        if isinstance(view.read, ReadPhoto) or (planner is not None and rendering):
+        if isinstance(view.read, ReadPhoto) or (planner is not None and render_splat):
             reads.append(partial(_plan_and_read, inputs, view, planner))
         else:
             reads += _file_readers([view.read_depth, view.read_alpha])

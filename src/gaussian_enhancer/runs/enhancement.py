@@ -128,8 +128,8 @@ def lost_references(enhancer: SetEnhancer, task: Task, validated: ValidatedInput
     return []
 
 
-def effective_options(cfg: DictConfig) -> DictConfig:
-    """The configuration without keys that change no image. The name of the run's folder is derived from it.
+def naming_configuration(cfg: DictConfig) -> DictConfig:
+    """Configuration that names the run's folder: without keys that change no image.
 
     Removed are a plan that leaves nothing out, an unset time budget, an unset temporal smoothing, an unset
     distillation, and the recovery of geometry where the input is a run or a splat, which have their own. The digest of

@@ -161,8 +161,7 @@ def read_task(cfg: DictConfig, device: str, fine: bool) -> Task:
     Raises:
         InputError: no form of input or more than one was given, or the input cannot be read.
     """
-    names = ("run", "gaussians", "renders", "step", "every", "invalid", "method", "views", "photos", "references")
-    values = {name: cfg[name] for name in (*names, "cameras", "depth", "depth_scale")}
+    values = {field.name: cfg[field.name] for field in fields(InputPaths) if field.name in cfg}
     capture: Scene | None = build(cfg.scene) if cfg.get("scene") else None
     return InputPaths(**values, capture=capture, attach_fine=partial(attach_fine, cfg)).read(device, fine)
 

@@ -66,7 +66,7 @@ def open_run(cfg: DictConfig, job: str, label: str, locked: bool = True, reused:
             holds a different run.
     """
     require(cfg)
-    values = effective_config(cfg)
+    values = result_values(cfg)
     digest = digest_of({"job": job, **values})
     folder = Path(cfg.output) if cfg.get("output") else Path(cfg.runs) / job / f"{label}-{digest}"
     acquired = lock.hold(folder) if locked else False
@@ -126,7 +126,7 @@ def find_run(cfg: DictConfig, job: str) -> Run | None:
 
 def run_digest(cfg: DictConfig, job: str) -> str:
     """The digest of a job's run, whether or not it was ever started."""
-    return digest_of({"job": job, **effective_config(cfg)})
+    return digest_of({"job": job, **result_values(cfg)})
 
 
 def finished_digest(folder: Path) -> str | None:
@@ -144,7 +144,7 @@ def finished_digest(folder: Path) -> str | None:
         raise InputError(marker, f"does not mark a completed run ({error})", "delete it to run again") from error
 
 
-def effective_config(cfg: DictConfig) -> dict[str, Any]:
+def result_values(cfg: DictConfig) -> dict[str, Any]:
     """The resolved configuration without the keys that do not change a result."""
     values = OmegaConf.to_container(cfg, resolve=True)
     if not isinstance(values, dict):

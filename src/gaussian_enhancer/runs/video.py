@@ -19,7 +19,8 @@ from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.path_references import PathReferences
 from gaussian_enhancer.infer.validated_inputs import ValidatedInputs
 from gaussian_enhancer.infer.weights import load_weights
-from gaussian_enhancer.runs.enhancement import effective_options, prepare_enhancement, read_options
+from gaussian_enhancer.runs import enhancement
+from gaussian_enhancer.runs.enhancement import prepare_enhancement, read_options
 from gaussian_enhancer.runs.inputs import InputPaths, Task, attach_fine
 from gaussian_enhancer.runs.path_surfaces import refuse_inside
 from gaussian_enhancer.runs.splat_source import open_splat_with_capture, splat_file
@@ -270,13 +271,13 @@ def _refuse_other_path(clip: Clip, cameras: Sequence[Camera], file: str) -> None
         raise InputError(clip.path, received, remedy)
 
 
-def run_configuration(video: VideoTask) -> DictConfig:
-    """The configuration that names the run's folder: all that frames depend on, with a digest of each file's content.
+def naming_configuration(video: VideoTask) -> DictConfig:
+    """Configuration that names the run's folder: all that frames depend on, with a digest of each file's content.
 
     Args:
         video: the video to enhance.
     """
-    cfg, configuration = video.cfg, effective_options(video.cfg)
+    cfg, configuration = video.cfg, enhancement.naming_configuration(video.cfg)
     splat = splat_file(cfg.run) if cfg.run is not None else find_splat(cfg.gaussians)
     digests = {"path": _path_digest(video.path.cameras), "splat": file_digest(splat)}
     if video.path.clip is not None:

@@ -14,7 +14,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import build
-from gaussian_enhancer.runs.run import Run, effective_config
+from gaussian_enhancer.runs.run import Run, result_values
 from gaussian_enhancer.train.processes import launched_externally
 
 SPAWN_STRATEGIES = ("auto", "ddp", "ddp_spawn")
@@ -40,7 +40,7 @@ def make_trainer(cfg: DictConfig, job: Run, checkpoint: str, name: str = "", **o
 
     from gaussian_enhancer.train.loggers import RunSetup, make_loggers
 
-    values = effective_config(result_configuration(cfg))
+    values = result_values(result_configuration(cfg))
     cfg = _with_run_description(cfg, job, name)
     loggers = make_loggers(cfg.logger)
     options: dict[str, Any] = {"use_distributed_sampler": False}  # samples are split by the data module

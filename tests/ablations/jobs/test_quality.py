@@ -249,14 +249,14 @@ def test_a_row_without_a_role_is_refused(configured) -> None:
 
 
 def test_the_weights_of_a_training_are_found_where_the_job_train_files_them(configured) -> None:
-    from gaussian_enhancer.cli.train import network_configuration
+    from gaussian_enhancer.cli.train import naming_configuration
 
     trained = ["+recipe=lr", "size=tiny"]
     cfg = configured(ours={"role": "ours", "train": trained})
     with initialised():
         with pytest.raises(InputError, match="not trained yet"):
             cells.method_weights(cfg, cfg.tables.lr.methods.ours)
-        run = open_run(network_configuration(compose("train", [*trained, f"runs={cfg.runs}"])), "train", "lr")
+        run = open_run(naming_configuration(compose("train", [*trained, f"runs={cfg.runs}"])), "train", "lr")
         with pytest.raises(InputError, match="being trained"):
             cells.method_weights(cfg, cfg.tables.lr.methods.ours)
         run.finish()

@@ -17,7 +17,7 @@ from ablations.suite import costs
 from ablations.suite import method_runs as methods
 from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool, read_target
 from gaussian_enhancer.cli import pipeline
-from gaussian_enhancer.cli.train import network_configuration
+from gaussian_enhancer.cli.train import naming_configuration
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.metrics.records import read_records
@@ -183,7 +183,7 @@ def test_a_training_that_fails_is_missing_once_and_marked(copied, monkeypatch) -
 
     def failing(job) -> None:
         tried.append(job)
-        open_run(network_configuration(job), "train", job.label)
+        open_run(naming_configuration(job), "train", job.label)
         raise RuntimeError("out of memory")
 
     monkeypatch.setattr(methods.train, "run", failing)
