@@ -293,6 +293,14 @@ def quantise_8_bit(image: Float[Tensor, "*b c h w"]) -> Float[Tensor, "*b c h w"
     return torch.round(image.clamp(0, 1) * 255) / 255
 
 
+def fastest_dtype() -> torch.dtype:
+    """The data type in which the CPU computes convolutions fastest.
+
+    Emulated bfloat16 is slower than float32, so only CPUs with bfloat16 instructions use it.
+    """
+    return torch.bfloat16 if torch.cpu._is_avx512_bf16_supported() else torch.float32
+
+
 def orthonormal_pose(world_to_camera: Float[Tensor, "4 4"], where: object) -> Float[Tensor, "4 4"]:
     """Make the rotation of a pose exactly orthonormal, since files store rounded values.
 

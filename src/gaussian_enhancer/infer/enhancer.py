@@ -35,7 +35,7 @@ from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.typed import check_value
-from gaussian_enhancer.types import Camera, NetworkInput, usable_depth
+from gaussian_enhancer.types import Camera, NetworkInput, fastest_dtype, usable_depth
 
 
 @dataclass(frozen=True)
@@ -359,7 +359,4 @@ def choose_precision(precision: str, device: torch.device) -> torch.dtype:
         return names[precision]
     if precision != "auto":
         raise InputError("precision", f"is {precision!r}", f"choose auto, {', '.join(names)}")
-    if device.type == "cuda":
-        return torch.float16
-    # Emulated bfloat16 is slower than float32, so only CPUs with bfloat16 instructions use it.
-    return torch.bfloat16 if torch.cpu._is_avx512_bf16_supported() else torch.float32
+    return torch.float16 if device.type == "cuda" else fastest_dtype()

@@ -67,7 +67,7 @@ class TrustFusion(nn.Module):
             return target + self.project(torch.zeros_like(target)), visibility
         compared = self.block(self._compare(target, references, visibility))
         if compared.dtype == torch.bfloat16 and can_fuse(compared, visibility):
-            fused_values, trust = self._weighted_sum(self.trust(compared), self.value(compared), visibility)
+            fused_values, trust = self._weigh_compiled(self.trust(compared), self.value(compared), visibility)
             return convolution(fused_values, self.project, plus=target), trust
         logits = LIMIT * torch.tanh(single_precision(self.trust(compared)) / LIMIT)
         scores = single_precision(visibility) * torch.exp(logits).unflatten(0, (batch, count))
@@ -101,7 +101,7 @@ class TrustFusion(nn.Module):
             return reference_part.flatten(0, 1)
         return F.relu(reference_part + target_part[:, None]).flatten(0, 1)
 
-    def _weighted_sum(
+    def _weigh_compiled(
         self, logits: Float[Tensor, "n k h w"], values: Float[Tensor, "n c h w"], visibility: Float[Tensor, "b r 1 h w"]
     ) -> tuple[Float[Tensor, "b c h w"], Float[Tensor, "b r 1 h w"]]:
         """Weighted sum of the references' values, and the mean weight of each reference, where `can_fuse` holds."""
@@ -137,16 +137,23 @@ def _pool_references(
 ) -> Float[Tensor, "b _ h w"]:
     """Mean features of the references, weighted by visibility, with the sum of visibilities / 3 as further channel."""
     if references.dtype == torch.bfloat16 and can_fuse(references, visibility):
-        return _pooled_compiled(references, visibility)
+        return _pool_compiled(references, visibility)
     visibility = visibility.to(references.dtype)
     total = visibility.sum(1)
-    weighted = references[:, 0] * visibility[:, 0]
-    for i in range(1, references.shape[1]):  # one reference at a time, to avoid a tensor of all products
-        weighted = torch.addcmul(weighted, references[:, i], visibility[:, i])
-    return torch.cat([weighted / total.clamp_min(1e-3), total / 3], dim=1)
+    return torch.cat([weighted_sum(visibility, references) / total.clamp_min(1e-3), total / 3], dim=1)
 
 
-def _pooled_compiled(
+def weighted_sum(
+    weights: Float[Tensor, "b r 1 h w"], references: Float[Tensor, "b r c h w"]
+) -> Float[Tensor, "b c h w"]:
+    """Sum of weight x reference, one reference at a time, to avoid a tensor of all products."""
+    total = weights[:, 0] * references[:, 0]
+    for i in range(1, references.shape[1]):
+        total = torch.addcmul(total, weights[:, i], references[:, i])
+    return total
+
+
+def _pool_compiled(
     references: Float[Tensor, "b r c h w"], visibility: Float[Tensor, "b r 1 h w"]
 ) -> Float[Tensor, "b _ h w"]:
     """Compiled version of `_pool_references`, in one pass over memory, where `can_fuse` holds."""

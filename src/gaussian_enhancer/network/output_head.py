@@ -13,6 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.network.bfloat16 import can_fuse, kernel_lock, plane
+from gaussian_enhancer.network.fuse import weighted_sum
 from gaussian_enhancer.types import NetworkInput
 
 OUTPUTS = 6
@@ -59,16 +60,14 @@ def compose(
         return enhanced
     weight = F.interpolate(trust.flatten(0, 1).to(render.dtype), scale_factor=2, mode="bilinear")
     weight = weight.unflatten(0, visibility.shape[:2]) * (visibility > 0)
-    # One reference at a time, to avoid tensors of all references in memory; g and k are the same for all references.
-    weighted_sum = weight[:, 0] * views.references[:, 0]
-    for i in range(1, visibility.shape[1]):
-        weighted_sum = torch.addcmul(weighted_sum, weight[:, i], views.references[:, i])
-    enhanced = enhanced + decoded[:, 4:5] * torch.addcmul(weighted_sum, weight.sum(1), render, value=-1)
+    photos = weighted_sum(weight, views.references)  # g and k are the same for all references
+    enhanced = enhanced + decoded[:, 4:5] * torch.addcmul(photos, weight.sum(1), render, value=-1)
     if views.reference_renders is None:
         return enhanced
+    residuals = photos
     for i in range(visibility.shape[1]):
-        weighted_sum = torch.addcmul(weighted_sum, weight[:, i], views.reference_renders[:, i], value=-1)
-    return enhanced + decoded[:, 5:6] * weighted_sum
+        residuals = torch.addcmul(residuals, weight[:, i], views.reference_renders[:, i], value=-1)
+    return enhanced + decoded[:, 5:6] * residuals
 
 
 def _compose_compiled(

@@ -17,7 +17,7 @@ from gaussian_enhancer.network.block import Block
 from gaussian_enhancer.network.decode import Decoder, pixel_shuffle, upsample_with_skip
 from gaussian_enhancer.network.deform import Unrefined
 from gaussian_enhancer.network.depth_modulation import DepthModulated
-from gaussian_enhancer.network.fuse import Trust
+from gaussian_enhancer.network.fuse import Trust, weighted_sum
 from gaussian_enhancer.network.halving import halve, pixel_unshuffle
 from gaussian_enhancer.network.initialisation import zero_initialise
 from gaussian_enhancer.network.network import CachesReferences
@@ -316,9 +316,9 @@ def merge_torch(
     trust = trust.to(base.dtype)
     weight = _upsample_2x(trust) * _repeat_2x(visibility > 0)
     total = weight.sum(1)
-    mean = _weighted_sum(weight, photos) / total.clamp_min(1e-6)
+    mean = weighted_sum(weight, photos) / total.clamp_min(1e-6)
     trust_sum = trust.sum(1, keepdim=True)
-    soft = _upsample_2x(torch.cat([_weighted_sum(trust, halved), trust_sum[:, 0]], dim=1)[:, None])[:, 0]
+    soft = _upsample_2x(torch.cat([weighted_sum(trust, halved), trust_sum[:, 0]], dim=1)[:, None])[:, 0]
     soft = soft[:, :3] / soft[:, 3:].clamp_min(1e-6)
     return NetworkInput(
         base, mean[:, None], (total > 0).to(base.dtype)[:, None], reference_renders=soft[:, None]
@@ -343,14 +343,6 @@ def _merge_compiled(
             outputs = mean[b], mask[b, 0], soft[b], trust_sum[b, 0]
             merge(*(plane(image) for image in inputs), *(image.numpy() for image in outputs))
     return NetworkInput(base, mean[:, None], mask[:, None], reference_renders=soft[:, None]), trust_sum[:, None]
-
-
-def _weighted_sum(weight: Float[Tensor, "b r 1 h w"], photos: Float[Tensor, "b r 3 h w"]) -> Float[Tensor, "b 3 h w"]:
-    """Sum of weight x photo, one reference at a time, to avoid a tensor of all products."""
-    total = weight[:, 0] * photos[:, 0]
-    for i in range(1, photos.shape[1]):
-        total = torch.addcmul(total, weight[:, i], photos[:, i])
-    return total
 
 
 def _computing_dtype(image: Tensor) -> torch.dtype:

@@ -15,7 +15,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.methods import Method
-from gaussian_enhancer.types import Camera, Gaussians, Render
+from gaussian_enhancer.types import Camera, Gaussians, Render, quantise_8_bit
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ class _LazyRender:
 
     def colour(self) -> Float[Tensor, "3 h w"]:
         """The render, rounded to 8 bits like a file of a folder of renders."""
-        return (self._pop("colour").clamp(0, 1) * 255).round() / 255
+        return quantise_8_bit(self._pop("colour"))
 
     def depth(self) -> Float[Tensor, "1 h w"]:
         """Surface depth."""

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from gaussian_enhancer.checkpoint import (
     REMEDY,
     build_and_load,
@@ -27,6 +25,7 @@ from gaussian_enhancer.degrade.generative.second_stage import (
     PairedOrDiffusedGenerator,
 )
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.types import fastest_dtype
 
 FORMAT = "gaussian-enhancer simulator 1"
 
@@ -94,7 +93,7 @@ def diffused(weights: str | Path = "simulator", sampler: Sampler | None = None) 
         weights: a .safetensors file, or the name of weights in the package.
         sampler: sampler of z; None takes the default.
     """
-    return DiffusedGenerator(load_model(weights).model, sampler, _fastest_dtype())
+    return DiffusedGenerator(load_model(weights).model, sampler, fastest_dtype())
 
 
 def paired_or_diffused(weights: str | Path = "simulator", sampler: Sampler | None = None) -> PairedOrDiffusedGenerator:
@@ -104,12 +103,7 @@ def paired_or_diffused(weights: str | Path = "simulator", sampler: Sampler | Non
         weights: a .safetensors file, or the name of weights in the package.
         sampler: sampler of z; None takes the default.
     """
-    return PairedOrDiffusedGenerator(load_model(weights).model, sampler, _fastest_dtype())
-
-
-def _fastest_dtype() -> torch.dtype:
-    """The dtype in which the processor computes convolutions fastest."""
-    return torch.bfloat16 if torch.cpu._is_avx512_bf16_supported() else torch.float32
+    return PairedOrDiffusedGenerator(load_model(weights).model, sampler, fastest_dtype())
 
 
 def _design(values: Mapping[str, Any]) -> FactorDesign:
