@@ -92,6 +92,8 @@ class PlanStudy(Options, Distances):
     faster: Positive
     slower: Positive
     allowed: NonNegative
+    title: str
+    about: str
     results: PathText
     markdown: PathText
 
@@ -106,7 +108,12 @@ class Quality(Options, Distances):
     fit_missing: bool
     records_only: bool
     groups: Group
+    not_super_resolved: list[str]
+    super_resolved_every: Count
     tables: Group
+    title: str
+    about: str
+    pages: PathText
     markdown: PathText
     records: RecordsFile
 
@@ -116,6 +123,7 @@ class Stability(Options):
 
     families: list[str] | None
     cases: list[str] | None
+    order: Group
     records_only: bool
     records: RecordsFile
     markdown: PathText
@@ -170,6 +178,11 @@ class Tradeoff(Options, Distances):
     minutes: Positive
     studies: list[str] | None
     settings: PathText | None
+    scale: Group
+    curves: Group
+    tradeoff: Group
+    training: Group
+    numerics: Group
     markdown: PathText
     results: PathText
 

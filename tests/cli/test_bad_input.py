@@ -401,6 +401,12 @@ def test_jobs_that_enhance_refuse_unknown_options_that_were_added(refused: Refus
     assert "max_references" in line
 
 
+@pytest.mark.parametrize("job", ["demo", "fit", "simulate", "measure", "report", "export", "quality", "tradeoff"])
+def test_jobs_that_do_not_train_refuse_unknown_options_that_were_added(refused: Refused, job: str) -> None:
+    line = refused(job, "+stesp=2")
+    assert f"options of {job}: names 'stesp'; choose from " in line
+
+
 @pytest.mark.parametrize(
     ("form", "file"),
     [

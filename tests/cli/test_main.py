@@ -26,6 +26,15 @@ from support.job_config import initialised
 BASE = paths.ROOT / "conf" / "base.yaml"
 
 
+class Toy(options.Options):
+    """Options of the job `toy`."""
+
+    colour: options.Group
+    size: int
+    path: options.PathText | None
+    extra: options.Group | None
+
+
 @pytest.fixture
 def toy_job(tmp_path, monkeypatch):
     """A job `toy` with one group, whose `run` records what it was given."""
@@ -46,6 +55,7 @@ def toy_job(tmp_path, monkeypatch):
     module.run = run
     monkeypatch.setitem(sys.modules, "gaussian_enhancer.cli.toy", module)
     monkeypatch.setitem(cli.JOBS, "toy", "a toy")
+    monkeypatch.setitem(options.OPTIONS, "toy", Toy)
     monkeypatch.setattr(cli, "configurations", lambda: conf)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["gaussian-enhancer"])
@@ -106,11 +116,7 @@ MISTAKES = {
 
 @pytest.mark.parametrize("sweep", [(), ("-m",)], ids=["run", "multirun"])
 @pytest.mark.parametrize("word", MISTAKES)
-def test_a_mistake_is_one_line_in_a_run_and_in_a_sweep(toy_job, capsys, monkeypatch, word, sweep):
-    class Toy(options.Options):
-        path: options.PathText | None
-
-    monkeypatch.setattr(options, "OPTIONS", {"toy": Toy})
+def test_a_mistake_is_one_line_in_a_run_and_in_a_sweep(toy_job, capsys, word, sweep):
     with pytest.raises(SystemExit) as stop:
         cli.main(["toy", *sweep, word])
     assert capsys.readouterr().err == f"gaussian-enhancer: {MISTAKES[word]}\n"

@@ -291,6 +291,8 @@ class Download(Options):
     """Options of the job ``download``."""
 
     dataset: Group
+    scenes: Any  # both lists are checked against the data set (`scene.datasets`)
+    images: Any
     folder: PathText
     dry_run: bool
     keep_archives: bool
@@ -328,7 +330,8 @@ def options_of(job: str) -> type[Shared]:
 def check_options(job: str, cfg: DictConfig) -> None:
     """Refuse a configuration with an option of the wrong type, or out of bounds. Missing values (``???``) pass.
 
-    Jobs that enhance views also refuse unknown options, which Hydra adds with ``+NAME=VALUE``: nothing reads them.
+    Unknown options, which Hydra adds with ``+NAME=VALUE``, are refused, since nothing reads them. Trainings accept
+    them: recipes and ablations add keys that other keys refer to.
 
     Args:
         job: the job's name.
@@ -338,7 +341,7 @@ def check_options(job: str, cfg: DictConfig) -> None:
         InputError: an option was removed, is unknown, of the wrong type or out of bounds, or cannot be resolved.
     """
     options = get_type_hints(options_of(job), include_extras=True)
-    if issubclass(options_of(job), Enhancing):
+    if not issubclass(options_of(job), Training):
         refuse_unknown(f"options of {job}", cfg, options)
     for name, kind in options.items():
         if kind == Group | None and name not in cfg:
