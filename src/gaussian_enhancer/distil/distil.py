@@ -8,6 +8,7 @@ Axes: h height, w width.
 import dataclasses
 import time
 from collections.abc import Iterator
+from enum import IntEnum
 from pathlib import Path
 
 import torch
@@ -22,6 +23,7 @@ from gaussian_enhancer.runs.rendered_capture import SplatRenderer
 from gaussian_enhancer.scene.scene import Scene
 from gaussian_enhancer.splat.filters import filter_size
 from gaussian_enhancer.splat.fit.checkpoint import load_checkpoint, save_checkpoint
+from gaussian_enhancer.splat.fit.fit import SMOOTHING_EVERY, step_generator
 from gaussian_enhancer.splat.fit.geometry import camera_extent
 from gaussian_enhancer.splat.fit.optimise import SplatOptimiser
 from gaussian_enhancer.splat.fit.progress import FitProgress
@@ -31,8 +33,13 @@ from gaussian_enhancer.splat.methods import MipSplatting
 from gaussian_enhancer.splat.render import render
 from gaussian_enhancer.types import Camera, Gaussians
 
-SMOOTHING_EVERY = 100
-"""Steps between updates of the size of the 3D filter (Mip-Splatting only), as in a fit."""
+
+class _Purpose(IntEnum):
+    """Uses of random numbers; each has its own generator at every step."""
+
+    IMAGE_CHOICE = 1
+    PHOTO_ORDER = 2
+    VIEW_CHOICE = 3
 
 
 def distil(
@@ -138,7 +145,7 @@ class _DistilState:
 
     def train_step(self) -> tuple[Tensor, Tensor]:
         """Make one step; return the loss and the difference of render and image."""
-        random_number = torch.rand((), generator=self._generator(self.step, 1)).item()
+        random_number = torch.rand((), generator=self._generator(self.step, _Purpose.IMAGE_CHOICE)).item()
         uses_view = self.views is not None and random_number < self.settings.share
         loss, difference = self._view_loss() if uses_view else self._photo_loss()
         loss.backward()
@@ -166,7 +173,7 @@ class _DistilState:
         """
         count = len(self.photos)
         epoch, position = divmod(self.step, count)
-        photo_index = int(torch.randperm(count, generator=self._generator(epoch, 2))[position])
+        photo_index = int(torch.randperm(count, generator=self._generator(epoch, _Purpose.PHOTO_ORDER))[position])
         colour, target = self._colour(self.photos.cameras[photo_index]), self.photos.target(photo_index)
         loss = photometric_loss(colour, target, self.settings.ssim_weight)
         return loss, colour.detach() - target.photo
@@ -175,7 +182,7 @@ class _DistilState:
         """Loss on a random enhanced view, with the gradient scaled by weight and confidence."""
         if self.views is None:
             raise ValueError("a round begins before its first step")
-        view_index = int(torch.randint(len(self.views), (), generator=self._generator(self.step, 3)))
+        view_index = int(torch.randint(len(self.views), (), generator=self._generator(self.step, _Purpose.VIEW_CHOICE)))
         image, confidence = (tensor.to(self.initial_renderer.gaussians.means) for tensor in self.views.read(view_index))
         colour = self._colour(self.views.cameras[view_index])
         gradient_scale = self.settings.weight * confidence
@@ -199,9 +206,8 @@ class _DistilState:
             means = self.optimiser.gaussians(0).means.detach()
             self.smoothing = filter_size(means, self.photos.cameras, near=self.initial_renderer.near)
 
-    def _generator(self, number: int, purpose: int) -> torch.Generator:
-        """Generator that the seed, a number of a step or pass, and the purpose of its numbers determine."""
-        return torch.Generator().manual_seed(((self.settings.seed * 1_000_003 + number) * 8 + purpose) % 2**63)
+    def _generator(self, number: int, purpose: _Purpose) -> torch.Generator:
+        return step_generator(self.settings.seed, number, purpose)
 
     def _identity(self) -> str:
         """Description of the run, which must equal that in a checkpoint to be resumed."""

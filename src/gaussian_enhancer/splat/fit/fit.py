@@ -50,6 +50,17 @@ SMOOTHING_EVERY = 100
 """Steps between two updates of the 3D filter's size of each Gaussian (Mip-Splatting's interval)."""
 
 
+def step_generator(seed: int, number: int, purpose: int) -> torch.Generator:
+    """Generator of random numbers that depend on nothing else, so that resumed runs draw the same ones.
+
+    Args:
+        seed: seed of the run.
+        number: number of a step, or of a pass through the photos.
+        purpose: use of the numbers, 0 to 7.
+    """
+    return torch.Generator().manual_seed(((seed * 1_000_003 + number) * 8 + purpose) % 2**63)
+
+
 def fit(
     scene: Scene,
     method: Method,
@@ -250,18 +261,12 @@ class _FitState:
     def _photo_number(self) -> int:
         """Index of this step's photo: every photo once per round, in an order that seed and round determine."""
         count = len(self.photos)
-        order = torch.randperm(
-            count, generator=_generator_of(self.settings.seed, self.step // count, _Purpose.PHOTO_ORDER)
-        )
-        return int(order[self.step % count])
+        generator = step_generator(self.settings.seed, self.step // count, _Purpose.PHOTO_ORDER)
+        return int(torch.randperm(count, generator=generator)[self.step % count])
 
     def _generator(self, purpose: _Purpose) -> torch.Generator:
-        return _generator_of(self.settings.seed, self.step, purpose)
+        return step_generator(self.settings.seed, self.step, purpose)
 
     def _checkpoint_identity(self) -> str:
         """Description of the fit; only a checkpoint with an equal description is continued."""
         return f"{self.scene.name}, {len(self.photos)} photos, {self.method}, {self.settings}"
-
-
-def _generator_of(seed: int, step: int, purpose: _Purpose) -> torch.Generator:
-    return torch.Generator().manual_seed(((seed * 1_000_003 + step) * 8 + purpose) % 2**63)
