@@ -26,7 +26,33 @@ SPLIT_SHRINK = 1.6
 
 
 @dataclass(frozen=True)
-class Densification:
+class Schedule:
+    """When the number of Gaussians changes.
+
+    Args:
+        every: steps between changes; 0 turns changes off.
+        start: share of the fit after which changes begin.
+        stop: share of the fit after which changes end.
+    """
+
+    every: int = 100
+    start: float = 0.0
+    stop: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_fields(self, "densification.")
+        if self.every < 0:
+            raise InputError("densification.every", f"is {self.every}", "give 0 or a number of steps")
+        if not 0 <= self.start <= self.stop <= 1:
+            raise InputError("densification.start, stop", f"are {self.start}, {self.stop}", "order them within 0 and 1")
+
+    def is_due(self, step: int, steps: int) -> bool:
+        """Whether a change follows this step (counted from 1)."""
+        return self.every > 0 and self.start * steps <= step <= self.stop * steps and step % self.every == 0
+
+
+@dataclass(frozen=True)
+class Densification(Schedule):
     """When and how the number of Gaussians changes.
 
     Args:
@@ -40,7 +66,6 @@ class Densification:
         growth: largest share by which one change may increase the number of Gaussians.
     """
 
-    every: int = 100
     start: float = 0.05
     stop: float = 0.6
     pull: float = 4e-4
@@ -48,22 +73,6 @@ class Densification:
     opacity: float = 0.01
     world_size: float = 1.0
     growth: float = 0.2
-
-    def __post_init__(self) -> None:
-        check_fields(self, "densification.")
-        if self.every < 0:
-            raise InputError("densification.every", f"is {self.every}", "give 0 or a number of steps")
-        if not 0 <= self.start <= self.stop <= 1:
-            raise InputError("densification.start, stop", f"are {self.start}, {self.stop}", "order them within 0 and 1")
-
-    def is_due(self, step: int, steps: int) -> bool:
-        """Whether the number of Gaussians changes after this step (counted from 1)."""
-        return is_due_between(self.every, self.start, self.stop, step, steps)
-
-
-def is_due_between(every: int, start: float, stop: float, step: int, steps: int) -> bool:
-    """Whether a step (counted from 1) is a multiple of ``every`` and lies between two shares of the fit."""
-    return every > 0 and start * steps <= step <= stop * steps and step % every == 0
 
 
 class ScreenGradientMean:

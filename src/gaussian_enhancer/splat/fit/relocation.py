@@ -14,10 +14,9 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.splat.fit.densify import is_due_between
+from gaussian_enhancer.splat.fit.densify import Schedule
 from gaussian_enhancer.splat.fit.optimise import SplatOptimiser
 from gaussian_enhancer.splat.fit.rotation import rotate_vectors
-from gaussian_enhancer.typed import check_fields
 from gaussian_enhancer.types import Gaussians
 
 MOST_COPIES = 51
@@ -27,7 +26,7 @@ SHARPNESS = 100.0
 
 
 @dataclass(frozen=True)
-class Relocation:
+class Relocation(Schedule):
     """When and how Gaussians are relocated, added and moved by noise.
 
     Args:
@@ -39,7 +38,6 @@ class Relocation:
         noise: strength of the noise on the centres, in units of their learning rate; 0 turns it off.
     """
 
-    every: int = 100
     start: float = 0.016
     stop: float = 0.83
     opacity: float = 0.005
@@ -47,19 +45,11 @@ class Relocation:
     noise: float = 5e5
 
     def __post_init__(self) -> None:
-        check_fields(self, "densification.")
-        if self.every < 0:
-            raise InputError("densification.every", f"is {self.every}", "give 0 or a number of steps")
-        if not 0 <= self.start <= self.stop <= 1:
-            raise InputError("densification.start, stop", f"are {self.start}, {self.stop}", "order them within 0 and 1")
+        super().__post_init__()
         if not 0 < self.opacity < 1:
             raise InputError("densification.opacity", f"is {self.opacity}", "give an opacity between 0 and 1")
         if not (self.growth >= 0 and self.noise >= 0):
             raise InputError("densification.growth, noise", f"are {self.growth}, {self.noise}", "give none below 0")
-
-    def is_due(self, step: int, steps: int) -> bool:
-        """Whether Gaussians are relocated after this step (counted from 1)."""
-        return is_due_between(self.every, self.start, self.stop, step, steps)
 
 
 def split_between_copies(
