@@ -3,7 +3,7 @@
 Axes: n Gaussians, v views, h height, w width.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -13,7 +13,6 @@ from pydantic import Field
 from torch import Tensor
 
 from gaussian_enhancer.distil.settings import Share
-from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer
 from gaussian_enhancer.scene.scene import Photo
 from gaussian_enhancer.splat.render import render
@@ -119,7 +118,8 @@ def _error_reductions(
     absolute_first_order, second_order = torch.zeros_like(first_order), torch.zeros_like(first_order)
     transmittance = (1 - renderer.gaussians.opacity_logits.sigmoid()).clamp_min(1e-6)
     generator = torch.Generator().manual_seed(0)
-    for camera, photo in _photos_with_cameras(photos):
+    for photo in photos:
+        camera = photo.require_camera()
         logits = renderer.gaussians.opacity_logits.clone().requires_grad_()
         gaussians = replace(renderer.gaussians, opacity_logits=logits)
         colour = render(gaussians, camera, renderer.method, renderer.background, near=renderer.near).colour
@@ -140,7 +140,8 @@ def _count_surface_views(
     """Number of views whose surface is behind each position, and number of views whose surface is at it."""
     behind, at_surface = torch.zeros(len(positions)), torch.zeros(len(positions))
     points = positions.cpu()
-    for camera, _ in _photos_with_cameras(photos):
+    for photo in photos:
+        camera = photo.require_camera()
         surface = renderer(camera).surface[0]
         depth, pixel, inside = _project(points, camera, renderer.near)
         surface_depth = torch.where(inside, surface.flatten()[pixel], 0.0)
@@ -164,14 +165,6 @@ def _project(
 def _psnr(renderer: SplatRenderer, photos: Sequence[Photo]) -> float:
     """Mean PSNR of the photos' renders in dB."""
     errors = [
-        float((renderer(camera).colour.clamp(0, 1) - photo.read()).square().mean())
-        for camera, photo in _photos_with_cameras(photos)
+        float((renderer(photo.require_camera()).colour.clamp(0, 1) - photo.read()).square().mean()) for photo in photos
     ]
     return float(-10 * torch.tensor(errors).clamp_min(1e-10).log10().mean())
-
-
-def _photos_with_cameras(photos: Sequence[Photo]) -> Iterator[tuple[Camera, Photo]]:
-    for photo in photos:
-        if photo.camera is None:
-            raise InputError(f"photo {photo.name}", "has no camera", "give its camera, or leave the photo out")
-        yield photo.camera, photo

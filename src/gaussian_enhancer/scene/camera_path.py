@@ -15,6 +15,7 @@ from jaxtyping import Float
 from pydantic import Field
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.camera_geometry import focus_point, mean_up
 from gaussian_enhancer.scene.path import short_tour, smooth_path
 from gaussian_enhancer.typed import check_fields
 from gaussian_enhancer.types import Camera
@@ -193,7 +194,7 @@ def _centres(cameras: Sequence[Camera]) -> Float[np.ndarray, "c 3"]:
 
 def _up(cameras: Sequence[Camera], shape: str) -> Float[np.ndarray, " 3"]:
     """Unit vector of the mean of the cameras' upward directions."""
-    up = -np.stack([camera.rotation[1].double().cpu().numpy() for camera in cameras]).mean(0)
+    up = mean_up(cameras)
     if np.linalg.norm(up) < 1e-3:
         raise InputError(f"path={shape}", "has no upward direction: the cameras' cancel", "use path=interpolate")
     return up / np.linalg.norm(up)
@@ -201,15 +202,11 @@ def _up(cameras: Sequence[Camera], shape: str) -> Float[np.ndarray, " 3"]:
 
 def _focus(cameras: Sequence[Camera]) -> Float[np.ndarray, " 3"] | None:
     """Least-squares intersection of the viewing rays; None if these are parallel or it lies behind too many cameras."""
-    centres = _centres(cameras)
-    directions = np.stack([camera.forward.double().cpu().numpy() for camera in cameras])
-    projections = np.eye(3) - directions[:, :, None] * directions[:, None, :]
-    normal_matrix = projections.mean(0)
-    if np.linalg.eigvalsh(normal_matrix)[0] < PARALLEL_EIGENVALUE:
+    focus = focus_point(cameras, PARALLEL_EIGENVALUE)
+    if focus is None:
         return None
-    point = np.linalg.solve(normal_matrix, (projections @ centres[:, :, None]).mean(0)[:, 0])
-    in_front = ((point - centres) * directions).sum(1) > 0
-    return point if in_front.mean() >= MIN_FRONT_SHARE else None
+    point, depths = (values.numpy() for values in focus)
+    return point if (depths > 0).mean() >= MIN_FRONT_SHARE else None
 
 
 def _look_at(

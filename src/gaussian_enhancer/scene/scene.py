@@ -12,6 +12,7 @@ import torch
 from jaxtyping import Float, Real
 from torch import Tensor
 
+from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import Camera
 
 
@@ -55,6 +56,16 @@ class Photo:
     read: Callable[[], Float[Tensor, "3 h w"]]
     read_depth: Callable[[], Float[Tensor, "1 h w"]] | None = None
     read_alpha: Callable[[], Float[Tensor, "1 h w"]] | None = None
+
+    def require_camera(self) -> Camera:
+        """The camera of a photo that must have one.
+
+        Raises:
+            InputError: the photo has no camera.
+        """
+        if self.camera is None:
+            raise InputError(f"photo {self.name}", "has no camera", "give its camera, or leave the photo out")
+        return self.camera
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.camera_geometry import mean_up
 from gaussian_enhancer.types import Camera
 
 MIN_SIDE = 16
@@ -84,7 +85,6 @@ def upward(cameras: Sequence[Camera]) -> np.ndarray:
     Args:
         cameras: cameras of a capture, at least one.
     """
-    ups = -np.stack([camera.rotation[1].double().cpu().numpy() for camera in cameras])
-    mean = ups.mean(0)
-    up = mean if np.linalg.norm(mean) > 1e-3 else ups[0]
+    mean = mean_up(cameras)
+    up = mean if np.linalg.norm(mean) > 1e-3 else mean_up(cameras[:1])
     return up / np.linalg.norm(up)

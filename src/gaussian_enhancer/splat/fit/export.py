@@ -51,13 +51,10 @@ def export_views(folder: Path, scene: Scene, gaussians: Gaussians, method: Metho
             if stems.count(stem) > 1:
                 raise InputError(f"photos named {stem}", "differ in their ending only", "rename one of them")
         for stem, photo in zip(stems, photos, strict=True):
-            if photo.camera is None:
-                raise InputError(f"photo {photo.name}", "has no camera", "give its camera, or leave the photo out")
-            view = view_with_median = render(gaussians, photo.camera, method, scene.background, near=near)
+            camera = photo.require_camera()
+            view = view_with_median = render(gaussians, camera, method, scene.background, near=near)
             if view.median_depth is None:  # gsplat returns no median depth of ellipsoids
-                view_with_median = render(
-                    gaussians_on_cpu(), photo.camera.to("cpu"), method, scene.background, near=near
-                )
+                view_with_median = render(gaussians_on_cpu(), camera.to("cpu"), method, scene.background, near=near)
             _write_view(folder / split / f"ours_{step}", stem, photo, view, view_with_median.surface[0])
 
 

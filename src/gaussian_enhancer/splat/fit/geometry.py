@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from gaussian_enhancer.scene.camera_geometry import focus_point
 from gaussian_enhancer.types import Camera
 
 TRIANGULATION = 0.15
@@ -35,16 +36,12 @@ def focus_distance(cameras: Sequence[Camera]) -> float:
     Args:
         cameras: training cameras; if all are at one place, the result may be 1.
     """
-    centres = torch.stack([camera.centre for camera in cameras]).double()
-    axes = torch.stack([camera.forward for camera in cameras]).double()
-    projectors = torch.eye(3, dtype=torch.float64) - axes[:, :, None] * axes[:, None, :]
-    system = projectors.mean(0)
-    right_side = (projectors @ centres[:, :, None]).mean(0)
-    if torch.linalg.eigvalsh(system)[0] > 1e-2:
-        point = torch.linalg.solve(system, right_side)[:, 0]
-        depths = ((point - centres) * axes).sum(1)
+    focus = focus_point(cameras, min_eigenvalue=1e-2)
+    if focus is not None:
+        _, depths = focus
         if (depths > 0).double().mean() > 0.8:
             return float(depths[depths > 0].median())
+    centres = torch.stack([camera.centre for camera in cameras]).double()
     distances = torch.cdist(centres, centres)
     distances.fill_diagonal_(torch.inf)
     nearest = distances.min(1).values

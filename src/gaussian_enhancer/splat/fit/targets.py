@@ -36,14 +36,13 @@ class TrainingPhotos:
             raise InputError(f"scene {scene.name}", received, "give at least two photos to fit to")
         self._photos = scene.train_photos
         self._device = device
-        self.cameras: list[Camera] = [_camera(photo) for photo in self._photos]
+        self.cameras: list[Camera] = [photo.require_camera() for photo in self._photos]
         for photo in scene.test_photos:  # invalid test photos are reported now, not after the fit
-            _camera(photo)
-            _checked(photo)
+            _read_checked(photo)
         self._prepared: dict[int, PreparedPhoto] = {}
         free_memory = MEMORY_LIMIT
         for number, photo in enumerate(self._photos):
-            pixels = _checked(photo)
+            pixels = _read_checked(photo)
             if free_memory >= 0:
                 self._prepared[number] = prepare(pixels.to(device))
                 free_memory -= 3 * pixels.nbytes
@@ -69,15 +68,9 @@ class TrainingPhotos:
         return self._photos[number].read() if prepared is None else prepared.photo.cpu()
 
 
-def _camera(photo: Photo) -> Camera:
-    if photo.camera is None:
-        raise InputError(f"photo {photo.name}", "has no camera", "give its camera, or leave the photo out")
-    return photo.camera
-
-
-def _checked(photo: Photo) -> Float[Tensor, "3 h w"]:
+def _read_checked(photo: Photo) -> Float[Tensor, "3 h w"]:
+    camera = photo.require_camera()
     pixels = photo.read()
-    camera = _camera(photo)
     if pixels.shape[1:] != (camera.height, camera.width):
         received = f"is {pixels.shape[2]}x{pixels.shape[1]} but its camera is {camera.width}x{camera.height}"
         raise InputError(f"photo {photo.name}", received, "give photos of the cameras' size")
