@@ -10,7 +10,6 @@ Axes: h height, w width.
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import torch.nn.functional as F
 from jaxtyping import Float
 from omegaconf import DictConfig
@@ -22,6 +21,7 @@ from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.input_files import read_configuration
 from gaussian_enhancer.metrics.image_quality import psnr
 from gaussian_enhancer.runs.instantiate import require
+from gaussian_enhancer.scene.image_files import to_bytes
 from gaussian_enhancer.scene.photos import list_images, read_photo
 
 PARTS = ("renders", "enhanced", "gt")
@@ -125,7 +125,7 @@ def strip(view: Compared, box: tuple[int, int, int, int]) -> Image.Image:
     """
     before, after = view.decibels
     titles = (f"raw render  {before:.2f} dB", f"enhanced  {after:.2f} dB", "photo (held out)")
-    pictures = [_picture(image) for image in (view.raw, view.enhanced, view.photo)]
+    pictures = [Image.fromarray(to_bytes(image)) for image in (view.raw, view.enhanced, view.photo)]
     width, height = pictures[0].size
     sheet = Image.new("RGB", (3 * width + 2 * GAP, BAND + 2 * height + GAP), "white")
     draw = ImageDraw.Draw(sheet)
@@ -138,10 +138,6 @@ def strip(view: Compared, box: tuple[int, int, int, int]) -> Image.Image:
         crop = picture.crop(box).resize((width, height), Image.Resampling.NEAREST)
         sheet.paste(crop, (left, BAND + height + GAP))
     return sheet
-
-
-def _picture(image: Float[Tensor, "3 h w"]) -> Image.Image:
-    return Image.fromarray((image.permute(1, 2, 0).numpy() * 255).round().astype(np.uint8))
 
 
 def used_weights(run: Path) -> str:

@@ -16,6 +16,13 @@ def test_pixels_are_kept(tmp_path, name: str) -> None:
     assert np.array_equal(np.asarray(Image.open(tmp_path / name)), LEVELS.permute(1, 2, 0).numpy())
 
 
+def test_an_image_of_one_channel_is_grey(tmp_path) -> None:
+    write_image(tmp_path / "grey.png", torch.full((1, 2, 3), 0.5))
+    picture = Image.open(tmp_path / "grey.png")
+    assert picture.mode == "L"
+    assert np.array_equal(np.asarray(picture), np.full((2, 3), 128))
+
+
 def test_a_png_is_compressed(tmp_path) -> None:
     write_image(tmp_path / "a.png", LEVELS / 255)
     assert (tmp_path / "a.png").stat().st_size < LEVELS.numel() / 4

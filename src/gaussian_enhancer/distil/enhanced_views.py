@@ -9,11 +9,9 @@ from pathlib import Path
 
 import torch
 from jaxtyping import Float
-from PIL import Image
 from torch import Tensor
 
 from gaussian_enhancer.align.references import ReferencePool, build_network_input, read_target
-from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer
 from gaussian_enhancer.scene.image_files import write_image
@@ -69,7 +67,7 @@ class EnhancedViews:
             enhanced_image = enhancer.enhance(build_network_input(target, aligned), aligned.names)[0]
             visibility = aligned.visibility if len(aligned.names) else torch.zeros_like(target.image[None, :1])
             write_image(self._image(index), enhanced_image)
-            _write_grey(self._confidence(index), visibility.amax(0))
+            write_image(self._confidence(index), visibility.amax(0))
             yield index
 
     def _image(self, index: int) -> Path:
@@ -77,8 +75,3 @@ class EnhancedViews:
 
     def _confidence(self, index: int) -> Path:
         return self.folder / "confidence" / f"view_{index:04d}.png"
-
-
-def _write_grey(path: Path, image: Float[Tensor, "1 h w"]) -> None:
-    with atomic_write(path) as temporary:
-        Image.fromarray((image[0].clamp(0, 1) * 255).round().byte().cpu().numpy()).save(temporary, compress_level=3)

@@ -4,6 +4,7 @@ Axes: c channels, h height, w width.
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,12 +17,12 @@ from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.scene.png import encode_png
 
 
-def write_image(path: Path, image: Float[Tensor, "3 h w"]) -> None:
+def write_image(path: Path, image: Float[Tensor, "c h w"]) -> None:
     """Write an 8-bit image atomically, in the format of the path's ending.
 
     Args:
         path: file ending in .png or another ending known to PIL; JPEG and WebP are written at quality 95.
-        image: colours; values outside [0, 1] are clamped.
+        image: three colours, or one channel for a grey image; values outside [0, 1] are clamped.
 
     Raises:
         InputError: the disk is full, the folder is not writable, or the ending is unknown.
@@ -30,13 +31,13 @@ def write_image(path: Path, image: Float[Tensor, "3 h w"]) -> None:
         raise InputError(path, f"ends in {path.suffix!r}, which no image format has", "name it .png")
     lossy = path.suffix.lower() in (".jpg", ".jpeg", ".webp")
     values = to_bytes(image)
+    grey = values.shape[-1] == 1
     with atomic_write(path) as temporary:
-        if path.suffix.lower() == ".png":
+        if path.suffix.lower() == ".png" and not grey:
             temporary.write_bytes(encode_png(values))
-        elif lossy:
-            Image.fromarray(values).save(temporary, quality=95)
         else:
-            Image.fromarray(values).save(temporary)
+            options: dict[str, Any] = {"quality": 95} if lossy else {"compress_level": 3}  # the latter is PNG's only
+            Image.fromarray(values[..., 0] if grey else values).save(temporary, **options)
 
 
 def to_bytes(image: Float[Tensor, "c h w"]) -> UInt8[np.ndarray, "h w c"]:

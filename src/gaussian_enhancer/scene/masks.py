@@ -5,11 +5,8 @@ In photos of an object on white most pixels are background. An image that reprod
 
 from pathlib import Path
 
-import numpy as np
-from PIL import Image
-
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import atomic_write
+from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.scene.scene import Scene
 
 
@@ -31,8 +28,6 @@ def write_masks(scene: Scene, folder: str | Path) -> tuple[Path, ...]:
         if photo.read_alpha is None:
             raise InputError(f"photo {photo.name} of {scene.name}", "has no alpha channel", "measure it without masks")
         path = Path(folder) / f"{Path(photo.name).stem}.png"
-        grey = (photo.read_alpha()[0].numpy() * 255).round().astype(np.uint8)
-        with atomic_write(path) as temporary:
-            Image.fromarray(grey).save(temporary)
+        write_image(path, photo.read_alpha())
         files.append(path)
     return tuple(files)

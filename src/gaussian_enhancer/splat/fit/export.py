@@ -10,13 +10,12 @@ from pathlib import Path
 import numpy as np
 import torch
 from jaxtyping import Float
-from PIL import Image
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import atomic_write, save_array
 from gaussian_enhancer.scene.cameras import write_scene_cameras
-from gaussian_enhancer.scene.image_files import to_bytes
+from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.io.ply import write_ply
 from gaussian_enhancer.splat.methods import Method
@@ -73,13 +72,7 @@ def export_splat(folder: Path, scene: Scene, gaussians: Gaussians) -> None:
 
 
 def _write_view(folder: Path, stem: str, photo: Photo, view: Render, surface: Float[Tensor, "h w"]) -> None:
-    _write_png(folder / "renders" / f"{stem}.png", view.colour)
-    _write_png(folder / "gt" / f"{stem}.png", photo.read())
-    _write_png(folder / "alpha" / f"{stem}.png", view.alpha)
+    write_image(folder / "renders" / f"{stem}.png", view.colour)
+    write_image(folder / "gt" / f"{stem}.png", photo.read())
+    write_image(folder / "alpha" / f"{stem}.png", view.alpha)
     save_array(folder / "depth" / f"{stem}.npy", surface.cpu().numpy().astype(np.float32))
-
-
-def _write_png(path: Path, image: Float[Tensor, "_ h w"]) -> None:
-    pixels = to_bytes(image)
-    with atomic_write(path) as temporary:
-        Image.fromarray(pixels.squeeze(-1) if pixels.shape[-1] == 1 else pixels).save(temporary, compress_level=3)
