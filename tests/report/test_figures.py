@@ -9,10 +9,10 @@ from PIL import Image
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.report.figures import (
     absolute_error,
+    apply_colour_map,
     colour_map,
     contact_sheet,
     data_uri,
-    error_map,
     error_scale,
     sample_values,
 )
@@ -40,12 +40,18 @@ def test_error_is_the_mean_absolute_difference() -> None:
     assert torch.equal(absolute_error(photo, photo), torch.zeros(2, 2))
 
 
-def test_error_map_spans_the_colours_and_saturates() -> None:
-    shown = error_map(torch.tensor([[0.0, 0.1, 5.0, float("nan")]]), 0.1)
+def test_the_applied_map_spans_the_colours_and_saturates() -> None:
+    shown = apply_colour_map(torch.tensor([[0.0, 0.1, 5.0, float("nan")]]), 0.1)
     colours = colour_map()
     assert torch.equal(shown[:, 0, 0], colours[0])
     for column in (1, 2, 3):
         assert torch.equal(shown[:, 0, column], colours[-1])
+
+
+def test_values_outside_are_clamped():
+    colours = apply_colour_map(torch.tensor([[-1.0, 2.0]]))
+    torch.testing.assert_close(colours[:, 0, 0], colour_map()[0])
+    torch.testing.assert_close(colours[:, 0, 1], colour_map()[-1])
 
 
 def test_the_scale_ignores_outliers_and_is_shared() -> None:

@@ -6,7 +6,7 @@ import torch
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.report.figures import colour_map
 from gaussian_enhancer.types import identity_camera
-from gaussian_enhancer.viewer.modes import MAX_DIFFERENCE, MODES, Mode, apply_colour_map
+from gaussian_enhancer.viewer.modes import MAX_DIFFERENCE, MODES, Mode
 from gaussian_enhancer.viewer.stage import StageView, Times
 
 DARK, LIGHT = colour_map()[0], colour_map()[-1]
@@ -68,12 +68,6 @@ def test_the_modes_that_need_no_network_do_without():
     assert [name for name in MODES if not Mode(name).enhances] == ["render", "depth"]
     assert torch.equal(Mode("render")(unenhanced_view), unenhanced_view.render)
     assert Mode("depth")(unenhanced_view).shape == (3, 8, 20)
-
-
-def test_values_outside_are_clamped():
-    colours = apply_colour_map(torch.tensor([[-1.0, 2.0]]))
-    torch.testing.assert_close(colours[:, 0, 0], DARK)
-    torch.testing.assert_close(colours[:, 0, 1], LIGHT)
 
 
 def test_what_cannot_be_shown_is_refused():

@@ -4,7 +4,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from gaussian_enhancer.report.compared import ComparedView, ViewPixels, size_of
-from gaussian_enhancer.report.figures import absolute_error, colour_map, data_uri, error_map, error_scale, sample_values
+from gaussian_enhancer.report.figures import (
+    absolute_error,
+    apply_colour_map,
+    colour_map,
+    data_uri,
+    error_scale,
+    sample_values,
+)
 
 PAGE_BYTES = 40_000_000
 """Maximum number of bytes of all pictures of a page together, before base64."""
@@ -126,5 +133,5 @@ def _pictures(images: ViewPixels, shared: CardImages) -> Iterator[Picture]:
         return
     yield Picture("photo", data_uri(images.photo, shared.budget), "photo")
     for name, image, label in (("raw", images.raw, "render"), ("enhanced", images.enhanced, "enhanced")):
-        errors = error_map(absolute_error(image, images.photo), shared.scale)
+        errors = apply_colour_map(absolute_error(image, images.photo), shared.scale)
         yield Picture(f"error-{name}", data_uri(errors, shared.budget // 3), f"error of the {label}")

@@ -82,15 +82,15 @@ def error_scale(errors: Sequence[Float[Tensor, " _"]]) -> float:
     return max(0.02, math.ceil(end * 100 - 1e-6) / 100)
 
 
-def error_map(errors: Float[Tensor, "h w"], scale: float) -> Float[Tensor, "3 h w"]:
-    """Errors as colours; errors above ``scale`` have the lightest colour.
+def apply_colour_map(values: Float[Tensor, "h w"], scale: float = 1.0) -> Float[Tensor, "3 h w"]:
+    """Values as colours from dark to light; those below 0 have the darkest, those above ``scale`` the lightest colour.
 
     Args:
-        errors: map in [0, 1]; values that are not finite are shown as the largest error.
-        scale: error that maps to the lightest colour, positive.
+        values: one value per pixel, such as an error; values that are not finite have the lightest colour.
+        scale: value that maps to the lightest colour, positive.
     """
-    colours = colour_map()
-    share = (errors / scale).nan_to_num(nan=1.0, posinf=1.0, neginf=1.0).clamp(0, 1)
+    colours = colour_map().to(values.device)
+    share = (values / scale).nan_to_num(nan=1.0, posinf=1.0, neginf=1.0).clamp(0, 1)
     return colours[(share * (len(colours) - 1)).round().long()].permute(2, 0, 1)
 
 

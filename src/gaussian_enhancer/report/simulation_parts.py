@@ -17,7 +17,7 @@ from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.gates.gate import ArtefactStep, Gate
 from gaussian_enhancer.degrade.manual import degrade
 from gaussian_enhancer.degrade.simulator import NoSecondStage, Simulator
-from gaussian_enhancer.report.figures import error_map
+from gaussian_enhancer.report.figures import apply_colour_map
 from gaussian_enhancer.report.simulation import EDGE, ImageRow, Section
 from gaussian_enhancer.scene.photos import resize
 
@@ -177,4 +177,4 @@ def depth_colours(depth: Float[Tensor, "1 h w"], undegraded: Float[Tensor, "1 h 
     nearness = (depth.clamp(min=1e-9).reciprocal() - low) / (high - low)
     # The undegraded range maps to the middle of the colours, so that nearer and farther depths remain distinguishable.
     share = torch.where(depth > 0, 0.2 + 0.6 * nearness, 0.0).clamp(0, 1)
-    return torch.where(depth > 0, error_map(share[0].cpu(), 1.0).to(depth), 0.0)
+    return torch.where(depth > 0, apply_colour_map(share[0].cpu()).to(depth), 0.0)

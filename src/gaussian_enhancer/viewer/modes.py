@@ -11,7 +11,7 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.network.pyramid import upsample_bicubic
-from gaussian_enhancer.report.figures import absolute_error, colour_map
+from gaussian_enhancer.report.figures import absolute_error, apply_colour_map
 from gaussian_enhancer.types import usable_depth
 from gaussian_enhancer.video.layout import Layout
 from gaussian_enhancer.viewer.stage import StageView
@@ -84,19 +84,8 @@ class Mode:
         scale = view.enhanced.shape[-1] // view.render.shape[-1]
         render = upsample_bicubic(view.render[None], scale)[0].clamp(0, 1)
         if self.name == "difference":
-            return apply_colour_map(absolute_error(view.enhanced, render) / MAX_DIFFERENCE)
+            return apply_colour_map(absolute_error(view.enhanced, render), MAX_DIFFERENCE)
         return Layout(self.name, self.wipe)(render, view.enhanced, 0.0)
-
-
-def apply_colour_map(values: Float[Tensor, "h w"]) -> Float[Tensor, "3 h w"]:
-    """Values in [0, 1] as colours from dark to light.
-
-    Args:
-        values: one value per pixel; values outside of [0, 1] are clamped.
-    """
-    colours = colour_map().to(values.device)
-    indices = (values.clamp(0, 1) * (len(colours) - 1)).round().long()
-    return colours[indices].permute(2, 0, 1).contiguous()
 
 
 def _nearness(depth: Float[Tensor, "1 h w"]) -> Float[Tensor, "h w"]:
