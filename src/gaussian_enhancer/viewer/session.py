@@ -1,8 +1,8 @@
 """Choices of the viewer, and the stages that draw them."""
 
-from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.plan import Rules
@@ -74,8 +74,13 @@ class Session:
         open_stage: Callable[[SessionChoice], Stage],
     ) -> None:
         self.name, self.cameras, self.choices, self.initial_choice = name, tuple(cameras), choices, initial_choice
-        self._open = open_stage
-        self._stages: OrderedDict[tuple[object, ...], tuple[Stage, float]] = OrderedDict()
+
+        def open_with_strength(choice: SessionChoice) -> tuple[Stage, float]:
+            stage = open_stage(choice)
+            return stage, stage.enhancer.strength
+
+        self._open: Callable[[SessionChoice], tuple[Stage, float]]
+        self._open = lru_cache(maxsize=STAGE_CACHE_SIZE)(open_with_strength)
 
     def stage(self, choice: SessionChoice) -> Stage:
         """The stage of a choice, with the strength of the choice.
@@ -86,7 +91,7 @@ class Session:
         Raises:
             InputError: a splat or weights cannot be read, or a number is out of range.
         """
-        stage, default_strength = self._cached(choice)
+        stage, default_strength = self._open(replace(choice, strength=None))
         stage.enhancer.strength = default_strength if choice.strength is None else choice.strength
         return stage
 
@@ -111,13 +116,3 @@ class Session:
             InputError: see `stage`, or a reference cannot be read.
         """
         return self.stage(choice).draw(camera, enhance, superseded)
-
-    def _cached(self, choice: SessionChoice) -> tuple[Stage, float]:
-        key = choice.splat, choice.weights, choice.plan, choice.max_references
-        if key not in self._stages:
-            stage = self._open(choice)
-            self._stages[key] = stage, stage.enhancer.strength
-        self._stages.move_to_end(key)
-        while len(self._stages) > STAGE_CACHE_SIZE:
-            self._stages.popitem(last=False)
-        return self._stages[key]
