@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.neighbours import (
     camera_spacing,
+    choose_references,
     covisibility,
     pose_costs,
-    rank_references,
 )
 from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.types import Camera, identity_camera
@@ -53,31 +53,31 @@ def test_ranking_does_not_depend_on_scene_units(scale):
     target = camera_at(0.2, 0, 0)
     cameras = [camera_at(1.0), camera_at(turn=0.2), camera_at(0, 3.0, 0), camera_at(0.5, 0, 0, 0.4), camera_at(2.0)]
     names = [f"{i}.png" for i in range(5)]
-    expected = rank_references(view("t.png", target), [view(n, c) for n, c in zip(names, cameras, strict=True)], 5)
+    expected = choose_references(view("t.png", target), [view(n, c) for n, c in zip(names, cameras, strict=True)], 5)
     candidates = [view(n, scaled(c, scale)) for n, c in zip(names, cameras, strict=True)]
-    assert rank_references(view("t.png", scaled(target, scale)), candidates, 5) == expected
+    assert choose_references(view("t.png", scaled(target, scale)), candidates, 5) == expected
 
 
 def test_target_is_never_its_own_reference():
     candidates = [view("t.png", camera_at()), view("a.png", camera_at(1.0)), view("b.png", camera_at(0.5))]
-    assert rank_references(view("t.png", camera_at()), candidates, 5) == (2, 1)
-    assert rank_references(view("t.png"), candidates, 5) == (2, 1)
-    assert rank_references(view("t.jpg", camera_at()), candidates, 5) == (2, 1)  # the photo of the same view
+    assert choose_references(view("t.png", camera_at()), candidates, 5) == (2, 1)
+    assert choose_references(view("t.png"), candidates, 5) == (2, 1)
+    assert choose_references(view("t.jpg", camera_at()), candidates, 5) == (2, 1)  # the photo of the same view
 
 
 def test_without_cameras_names_nearest_in_natural_order():
     names = ["r_1.png", "r_2.png", "r_9.png", "r_10.png", "r_30.png"]
     candidates = [view(name) for name in names]
-    assert rank_references(view("r_8.png"), candidates, 3) == (1, 2, 0)
-    assert rank_references(view("r_11.png"), candidates, 2) == (3, 4)
-    assert rank_references(view("r_0.png"), candidates, 2) == (0, 1)
+    assert choose_references(view("r_8.png"), candidates, 3) == (1, 2, 0)
+    assert choose_references(view("r_11.png"), candidates, 2) == (3, 4)
+    assert choose_references(view("r_0.png"), candidates, 2) == (0, 1)
 
 
 def test_some_cameras_only_are_refused():
     with pytest.raises(InputError, match=r"b\.png"):
-        rank_references(view("t.png", camera_at()), [view("a.png", camera_at()), view("b.png")], 2)
+        choose_references(view("t.png", camera_at()), [view("a.png", camera_at()), view("b.png")], 2)
     with pytest.raises(InputError, match="count"):
-        rank_references(view("t.png"), [view("a.png")], 0)
+        choose_references(view("t.png"), [view("a.png")], 0)
 
 
 def test_covisibility_by_hand():
@@ -99,12 +99,12 @@ def test_covisibility_counts_only_pixels_with_depth():
 def test_depth_puts_views_that_see_the_target_first():
     wall, target = torch.full((1, 24, 32), 1.0), camera_at()
     candidates = [view("beside.png", camera_at(1.5)), view("far.png", camera_at(z=-1.7)), view("x.png", camera_at(9.0))]
-    assert rank_references(view("t.png", target), candidates, 1) == (0,)
-    assert rank_references(view("t.png", target), candidates, 1, depth=wall) == (1,)
+    assert choose_references(view("t.png", target), candidates, 1) == (0,)
+    assert choose_references(view("t.png", target), candidates, 1, depth=wall) == (1,)
 
 
 def test_kept_references_stay_until_another_is_clearly_better():
     target, views = view("t", camera_at(0.6)), [view("a", camera_at(0.0)), view("b", camera_at(1.0))]
-    assert rank_references(target, views, 1) == (1,)
-    assert rank_references(target, views, 1, previous_references=[0], hysteresis=0.5) == (0,)
-    assert rank_references(view("t", camera_at(0.9)), views, 1, previous_references=[0], hysteresis=0.5) == (1,)
+    assert choose_references(target, views, 1) == (1,)
+    assert choose_references(target, views, 1, previous_references=[0], hysteresis=0.5) == (0,)
+    assert choose_references(view("t", camera_at(0.9)), views, 1, previous_references=[0], hysteresis=0.5) == (1,)

@@ -11,7 +11,7 @@ from torch.nn import functional
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.capture import open_capture
-from gaussian_enhancer.scene.neighbours import rank_references
+from gaussian_enhancer.scene.neighbours import choose_references
 
 pytestmark = pytest.mark.captures
 DATA = os.environ.get("GAUSSIAN_ENHANCER_DATA", "")
@@ -76,7 +76,7 @@ def test_neighbouring_photos_agree_where_points_project(capture, name):
     """Two neighbours show the points that both see in nearly one colour; pairing other points destroys that."""
     scene = open_capture(capture(name), downscale=4)
     photo = scene.photos[0]
-    other = scene.photos[rank_references(photo, scene.photos, 1)[0]]
+    other = scene.photos[choose_references(photo, scene.photos, 1)[0]]
     positions = seen_by_both(capture(name), scene, photo.name, other.name)
     here, inside_here = project(photo.camera, positions)
     there, inside_there = project(other.camera, positions)

@@ -14,7 +14,7 @@ from torch import Tensor
 from gaussian_enhancer.align.alignment import AlignedReferences, LoadedView, Reprojected, Warp
 from gaussian_enhancer.align.depth_normalisation import depth_unit
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.scene.neighbours import rank_references
+from gaussian_enhancer.scene.neighbours import choose_references
 from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.types import NetworkInput
 
@@ -51,7 +51,7 @@ class ReferenceConfig:
         """Indices of the pool's candidate references for a target, nearest first."""
         if not self.references:
             return ()
-        return rank_references(view, pool.views, self.candidates, depth=target.depth)
+        return choose_references(view, pool.views, self.candidates, depth=target.depth)
 
     def align(
         self, target: LoadedView, view: RenderedView, pool: "ReferencePool", candidates: Sequence[int] | None = None

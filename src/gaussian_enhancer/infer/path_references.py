@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, fields
 
 from gaussian_enhancer.align.alignment import LoadedView
 from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool
-from gaussian_enhancer.scene.neighbours import rank_references
+from gaussian_enhancer.scene.neighbours import choose_references
 from gaussian_enhancer.scene.rendered import RenderedView
 
 HYSTERESIS = 0.5
@@ -18,7 +18,7 @@ class PathReferences(ReferenceConfig):
     Frames must be requested in the order of the path. To resume within a path, restore ``kept``.
 
     Args:
-        hysteresis: factor on the cost of the previous candidates (`rank_references`); 1 chooses anew for each frame.
+        hysteresis: factor on the cost of the previous candidates (`choose_references`); 1 chooses anew for each frame.
         kept: names of the previous frame's candidates, nearest first; updated in place with every frame.
     """
 
@@ -41,6 +41,6 @@ class PathReferences(ReferenceConfig):
             return ()
         previous = [index for index, reference in enumerate(pool.views) if reference.name in self.kept]
         ranking = {"depth": target.depth, "previous_references": previous, "hysteresis": self.hysteresis}
-        ranked = rank_references(view, pool.views, self.candidates, **ranking)  # type: ignore[arg-type]
+        ranked = choose_references(view, pool.views, self.candidates, **ranking)  # type: ignore[arg-type]
         self.kept[:] = [pool.views[index].name for index in ranked]
         return ranked

@@ -11,7 +11,7 @@ from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool, r
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.plan import PlanItem, Rules, ViewPlan
 from gaussian_enhancer.infer.planner import Planner
-from gaussian_enhancer.scene.neighbours import rank_references
+from gaussian_enhancer.scene.neighbours import choose_references
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import usable_depth
 
@@ -138,7 +138,7 @@ def depth_mismatch_reason(pool: ReferencePool, reference_config: ReferenceConfig
         has_cameras = all(posed.camera is not None for posed in (view, *pool.views))
         if not isinstance(warp, Reprojected) or not pool.views or not has_cameras:
             continue
-        nearest = rank_references(view, pool.views, 2)
+        nearest = choose_references(view, pool.views, 2)
         references = [replace(coarsen(pool.read(index)), depth=None) for index in nearest]
         coarse_target = coarsen(target)
         if coarse_target.depth is None or not bool(usable_depth(coarse_target.depth).any()):

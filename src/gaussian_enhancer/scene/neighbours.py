@@ -78,7 +78,7 @@ def covisibility(
     return inside.double().mean(1)
 
 
-def rank_references(
+def choose_references(
     target: AnyView,
     candidates: Sequence[AnyView],
     count: int,

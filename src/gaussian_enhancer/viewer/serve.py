@@ -76,12 +76,12 @@ def _set_initial_camera(server: Any, session: Session) -> None:
     server.scene.set_up_direction(tuple(upward(session.cameras)))
     initial_camera = server.initial_camera
     initial_camera.position, initial_camera.fov = page_camera.position, page_camera.fov
-    orbit_radius = focus_distance(session, page_camera)
+    orbit_radius = _orbit_distance(session, page_camera)
     initial_camera.look_at = tuple((camera.centre + orbit_radius * camera.forward).tolist())
     initial_camera.near, initial_camera.far = 1e-4 * orbit_radius, 1e4 * orbit_radius
 
 
-def focus_distance(session: Session, camera: PageCamera) -> float:
+def _orbit_distance(session: Session, camera: PageCamera) -> float:
     """Distance to what a camera looks at, in scene units: the median depth in the middle of its picture.
 
     Where the middle shows nothing, it is the median depth of the whole picture, else the spread of the capture's

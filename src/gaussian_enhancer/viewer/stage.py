@@ -17,7 +17,7 @@ from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.reference_cache import ReferenceFeatures
 from gaussian_enhancer.network.network import CachesReferences
 from gaussian_enhancer.scene.in_memory import read_once
-from gaussian_enhancer.scene.neighbours import rank_references
+from gaussian_enhancer.scene.neighbours import choose_references
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import Camera, usable_depth
 
@@ -149,5 +149,5 @@ class Stage:
         """
         if not self.pool.views:
             return None
-        (index,) = rank_references(RenderedView("", None, camera), self.pool.views, 1)
+        (index,) = choose_references(RenderedView("", None, camera), self.pool.views, 1)
         return self.pool.views[index]
