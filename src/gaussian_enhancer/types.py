@@ -28,13 +28,13 @@ class Movable:
     def to(self: _M, *args: Any, **kwargs: Any) -> _M:
         """Return a copy with every tensor moved as `torch.Tensor.to` would move it."""
 
-        def moved(value: Any) -> Any:
+        def move(value: Any) -> Any:
             if isinstance(value, Tensor | Movable):
                 return value.to(*args, **kwargs)
             return value
 
         fields = dataclasses.fields(self)  # type: ignore[arg-type]
-        return dataclasses.replace(self, **{f.name: moved(getattr(self, f.name)) for f in fields})  # type: ignore[type-var]
+        return dataclasses.replace(self, **{f.name: move(getattr(self, f.name)) for f in fields})  # type: ignore[type-var]
 
 
 @dataclass(frozen=True)

@@ -44,20 +44,20 @@ def visible_shares(aligned: AlignedReferences, alpha: Float[Tensor, "1 h w"] | N
 def coarsen(pixels: LoadedView) -> LoadedView:
     """A view on a coarse grid. Colours are averaged; depth and opacity are sampled at pixels, so no surfaces mix."""
 
-    def sized(image: Float[Tensor, "c _ _"], *, averaged: bool) -> Float[Tensor, "c _ _"]:
+    def resize(image: Float[Tensor, "c _ _"], *, averaged: bool) -> Float[Tensor, "c _ _"]:
         shrink = max(1.0, max(image.shape[-2:]) / EDGE)
         size = [max(1, round(side / shrink)) for side in image.shape[-2:]]
         if averaged:
             return F.interpolate(image[None], size=size, mode="area")[0]
         return F.interpolate(image[None], size=size, mode="nearest-exact")[0]
 
-    image = sized(pixels.image, averaged=True)
+    image = resize(pixels.image, averaged=True)
     return replace(
         pixels,
         image=image,
         camera=None if pixels.camera is None else pixels.camera.resized(*image.shape[-2:]),
-        depth=None if pixels.depth is None else sized(pixels.depth, averaged=False),
-        alpha=None if pixels.alpha is None else sized(pixels.alpha, averaged=False),
-        render=None if pixels.render is None else sized(pixels.render, averaged=True),
+        depth=None if pixels.depth is None else resize(pixels.depth, averaged=False),
+        alpha=None if pixels.alpha is None else resize(pixels.alpha, averaged=False),
+        render=None if pixels.render is None else resize(pixels.render, averaged=True),
         read_fine=None,
     )

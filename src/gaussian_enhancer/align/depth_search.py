@@ -255,8 +255,8 @@ def _prepare_source(
     """Prepare a reference: resize it to at most the target's resolution, and fit its colours at the rendered depth."""
     ratio = float(source.camera.resized(*source.photo.shape[-2:]).K[0, 0] / target.K[0, 0])
     height, width = (max(1, round(side / max(1.0, ratio))) for side in source.photo.shape[-2:])
-    photo = _resized(source.photo.to(image.dtype), height, width)
-    render = photo if source.render is None else _resized(source.render.to(image.dtype), height, width)
+    photo = _resize(source.photo.to(image.dtype), height, width)
+    render = photo if source.render is None else _resize(source.render.to(image.dtype), height, width)
     projection = ReferenceProjection.between(target, source.camera.resized(height, width), z).with_stride(search.stride)
     projected = project_pixels(projection, z)
     sampled = sample_projected(render, projected, (height, width), projected.inside)
@@ -301,7 +301,7 @@ def _window_mean(value: Float[Tensor, "m h w"], side: int) -> Float[Tensor, "m h
     return F.avg_pool2d(value[None], side, stride=1, padding=side // 2, count_include_pad=False)[0]
 
 
-def _resized(image: Float[Tensor, "c _ _"], height: int, width: int) -> Float[Tensor, "c {height} {width}"]:
+def _resize(image: Float[Tensor, "c _ _"], height: int, width: int) -> Float[Tensor, "c {height} {width}"]:
     """The image resized with antialiasing."""
     if image.shape[-2:] == (height, width):
         return image

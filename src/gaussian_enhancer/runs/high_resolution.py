@@ -104,7 +104,7 @@ def _is_procedural(values: Mapping[str, Any]) -> bool:
 
 
 def _render_fine(rendered: RenderedSet, scene: Callable[[], Scene], folder: Path) -> RenderedSet:
-    def attached(view: RenderedView) -> RenderedView:
+    def attach(view: RenderedView) -> RenderedView:
         if view.camera is None:
             raise InputError(view.name, "has no camera", "give the run as `fit` wrote it")
         stem = Path(view.name).stem
@@ -112,7 +112,7 @@ def _render_fine(rendered: RenderedSet, scene: Callable[[], Scene], folder: Path
         return replace(view, read_fine_photo=ReadProceduralPhoto(scene, stem, folder / f"{stem}.png", *size))
 
     return replace(
-        rendered, targets=tuple(map(attached, rendered.targets)), references=tuple(map(attached, rendered.references))
+        rendered, targets=tuple(map(attach, rendered.targets)), references=tuple(map(attach, rendered.references))
     )
 
 

@@ -78,7 +78,7 @@ def capture_path(shape: Shape, cameras: Sequence[Camera], settings: PathSettings
         raise InputError(f"path={shape}", received, "give a capture of more photos, or a file with the path")
     lens = common_lens(cameras)
     if shape == "interpolate":
-        return _interpolated(cameras, lens, settings)
+        return _interpolate(cameras, lens, settings)
     return _orbit(cameras, lens, settings) if shape == "orbit" else _spiral(cameras, lens, settings)
 
 
@@ -142,7 +142,7 @@ def refuse_outside(path: Sequence[Camera], cameras: Sequence[Camera], subject: o
         raise InputError(subject, received, "give a path in the capture's own coordinates, near its photos")
 
 
-def _interpolated(cameras: Sequence[Camera], lens: Camera, settings: PathSettings) -> tuple[Camera, ...]:
+def _interpolate(cameras: Sequence[Camera], lens: Camera, settings: PathSettings) -> tuple[Camera, ...]:
     tour = [cameras[i] for i in short_tour(cameras)]
     count = len(tour) if settings.cameras is None else min(settings.cameras, len(tour))
     waypoints = [tour[round(i)] for i in np.linspace(0, len(tour) - 1, count)]

@@ -52,13 +52,13 @@ def attach_fine_photos(rendered: RenderedSet, finer: Scene) -> RenderedSet:
     """
     photos = {Path(photo.name).stem: photo for photo in finer.photos}
 
-    def attached(view: RenderedView) -> RenderedView:
+    def attach(view: RenderedView) -> RenderedView:
         photo = photos.get(Path(view.name).stem)
         if photo is None:
             raise InputError(finer.name, f"has no photo of {view.name}", "give the scene that was rendered")
         return _with_fine_photo(view, photo)
 
-    targets, references = map(attached, rendered.targets), map(attached, rendered.references)
+    targets, references = map(attach, rendered.targets), map(attach, rendered.references)
     return dataclasses.replace(rendered, targets=tuple(targets), references=tuple(references))
 
 

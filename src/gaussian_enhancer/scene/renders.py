@@ -296,7 +296,7 @@ def _view(
     return RenderedView(
         render.name,
         ReadPhoto(render, *size, background),
-        _sized(camera, size, render) if camera is not None else None,
+        _resize_camera(camera, size, render) if camera is not None else None,
         depth,
         ReadCoverage(coverage, *size) if coverage is not None else None,
         ReadPhoto(photo, *size, background) if photo is not None else None,
@@ -319,7 +319,7 @@ def _reference(
     return RenderedView(
         path.name,
         None,
-        _sized(camera, size, path) if camera is not None else None,
+        _resize_camera(camera, size, path) if camera is not None else None,
         depth,
         None,
         ReadPhoto(path, *size, background),
@@ -356,7 +356,7 @@ def _refuse_other_size(render: Path, render_size: tuple[int, int], file: Path, s
         raise InputError(file, received, "bring both to the same size")
 
 
-def _sized(camera: Camera, size: tuple[int, int], image: Path) -> Camera:
+def _resize_camera(camera: Camera, size: tuple[int, int], image: Path) -> Camera:
     height, width = size
     if not evenly_resized(size, (camera.height, camera.width)):
         received = f"is {width}x{height} but its camera is {camera.width}x{camera.height}"

@@ -84,13 +84,13 @@ def render_oracle(
     pixels = _pixel_centres(camera, gaussians.means)
     chunks = pixels.split(max(1, CHUNK_ELEMENTS // max(1, len(layers.opacity))))
 
-    def composited(chunk: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+    def composite(chunk: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
         return _composite(layers, chunk, background)
 
     if len(chunks) == 1:
-        parts = [composited(chunks[0])]
+        parts = [composite(chunks[0])]
     else:
-        parts = [checkpoint(composited, chunk, use_reentrant=False) for chunk in chunks]
+        parts = [checkpoint(composite, chunk, use_reentrant=False) for chunk in chunks]
     size = (camera.height, camera.width)
     colour, depth, alpha, median, normals = (torch.cat(part).T.reshape(-1, *size) for part in zip(*parts, strict=True))
     return Render(colour, depth, alpha, median, normals if layers.normals is not None else None)

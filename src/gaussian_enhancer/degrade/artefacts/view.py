@@ -58,11 +58,11 @@ class View(Movable):
     def with_samples(self, index: Int64[Tensor, " n"], samples: "View") -> "View":
         """Replace the indexed samples of the batch. Depth or opacity stays as it is where the new samples have none."""
 
-        def replaced(plane: Tensor | None, new: Tensor | None) -> Tensor | None:
+        def overwrite(plane: Tensor | None, new: Tensor | None) -> Tensor | None:
             return plane if plane is None or new is None else plane.index_copy(0, index, new.to(plane.dtype))
 
         image = self.image.index_copy(0, index, samples.image.to(self.image.dtype))
-        return View(image, replaced(self.depth, samples.depth), replaced(self.alpha, samples.alpha))
+        return View(image, overwrite(self.depth, samples.depth), overwrite(self.alpha, samples.alpha))
 
 
 @runtime_checkable

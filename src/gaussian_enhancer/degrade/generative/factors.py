@@ -37,11 +37,11 @@ class Factors(Movable):
     def linear_combination(self, other: "Factors", weight: float | Tensor, other_weight: float | Tensor) -> "Factors":
         """The sum weight * self + other_weight * other; weights may be tensors of shape (b,), one for each sample."""
 
-        def scaled(factor: float | Tensor, code: Tensor) -> Tensor:
+        def scale(factor: float | Tensor, code: Tensor) -> Tensor:
             return code * (factor.view(-1, *[1] * (code.dim() - 1)) if isinstance(factor, Tensor) else factor)
 
-        vector = scaled(weight, self.vector) + scaled(other_weight, other.vector)
-        return Factors(vector, scaled(weight, self.grid) + scaled(other_weight, other.grid))
+        vector = scale(weight, self.vector) + scale(other_weight, other.vector)
+        return Factors(vector, scale(weight, self.grid) + scale(other_weight, other.grid))
 
 
 def grid_size(height: int, width: int) -> tuple[int, int]:

@@ -135,12 +135,12 @@ class SplatOptimiser:
         """
         added = _columns(others)
 
-        def extended(name: str, value: Tensor) -> Tensor:
+        def extend(name: str, value: Tensor) -> Tensor:
             field, _, moment = name.partition(".")
             new_values = added[field].detach()
             return torch.cat([value, torch.zeros_like(new_values) if moment else new_values])
 
-        self._rewrite(extended)
+        self._rewrite(extend)
 
     def replace(self, name: str, values: Tensor) -> None:
         """Set one parameter's values; its moments are kept.
@@ -160,12 +160,12 @@ class SplatOptimiser:
         """
         columns = _columns(others)
 
-        def changed(name: str, value: Tensor) -> Tensor:
+        def substitute(name: str, value: Tensor) -> Tensor:
             field, _, moment = name.partition(".")
             new_values = torch.zeros_like(columns[field]) if moment else columns[field].detach()
             return value.index_copy(0, index, new_values)
 
-        self._rewrite(changed)
+        self._rewrite(substitute)
 
     def shift(self, index: Tensor, offsets: Float[Tensor, "m 3"]) -> None:
         """Move some centres; their moments are kept.

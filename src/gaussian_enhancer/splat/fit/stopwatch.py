@@ -49,7 +49,7 @@ class Stopwatch:
                 for name, functions in RENDER_PARTS.items():
                     for function in functions:
                         target = f"gaussian_enhancer.splat.{function}"
-                        stack.enter_context(patch(target, self._timed(name, target)))
+                        stack.enter_context(patch(target, self._wrap(name, target)))
             yield
 
     def table(self) -> str:
@@ -61,7 +61,7 @@ class Stopwatch:
         lines.append(f"{'sum':<20}{1e3 * total / max(1, self.steps):>9.2f}")
         return "\n".join(lines)
 
-    def _timed(self, name: str, target: str) -> Callable[..., Any]:
+    def _wrap(self, name: str, target: str) -> Callable[..., Any]:
         function = pkgutil.resolve_name(target)
 
         def timed(*args: Any, **kwargs: Any) -> Any:
