@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
@@ -286,6 +287,11 @@ def usable_depth(depth: Float[Tensor, "*b h w"]) -> Bool[Tensor, "*b h w"]:
 def single_precision(values: Float[Tensor, "*axes"]) -> Float[Tensor, "*axes"]:
     """Convert half-precision values to single precision; other types are returned unchanged."""
     return values.to(torch.promote_types(values.dtype, torch.float32))
+
+
+def numpy_view(tensor: Tensor) -> np.ndarray:
+    """A contiguous NumPy view of a CPU tensor for compiled kernels, copied only if it is not contiguous."""
+    return tensor.detach().contiguous().numpy()
 
 
 def quantise_8_bit(image: Float[Tensor, "*b c h w"]) -> Float[Tensor, "*b c h w"]:

@@ -21,12 +21,12 @@ from gaussian_enhancer.align.photo_consistency import (
     rank_references,
     reference_weight,
 )
-from gaussian_enhancer.align.projection import Interpolation, can_use_kernels, kernel_image
+from gaussian_enhancer.align.projection import Interpolation, can_use_kernels
 from gaussian_enhancer.align.reproject import Warped, fill_depth, footprint_between, reproject
 from gaussian_enhancer.align.transparent import dark_transparent_pixels, mark_dark_pixels_visible
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.photos import resize
-from gaussian_enhancer.types import Camera, Region, single_precision
+from gaussian_enhancer.types import Camera, Region, numpy_view, single_precision
 
 NON_IMAGE_FIELDS = "name", "camera", "read_fine"
 """Fields of `LoadedView` that are not images."""
@@ -297,7 +297,7 @@ def _fine_rows(
 
         inputs, result = (samples.colour, samples.visibility[0], transform, coarse), torch.empty_like(samples.colour)
         with kernel_lock:
-            finish_fine(*map(kernel_image, inputs), top, result.numpy())
+            finish_fine(*map(numpy_view, inputs), top, result.numpy())
         return result
     bottom = top + samples.colour.shape[-2]
     coarse_colour = F.interpolate(coarse[None, :, top // 4 : -(-bottom // 4)], scale_factor=4)[0]

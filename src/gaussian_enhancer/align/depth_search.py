@@ -21,14 +21,13 @@ from gaussian_enhancer.align.projection import (
     MIN_RELATIVE_Z,
     ReferenceProjection,
     can_use_kernels,
-    kernel_image,
     kernel_projection,
     project_pixels,
     sample_image,
     sample_projected,
 )
 from gaussian_enhancer.align.reproject import Warped, fill_depth
-from gaussian_enhancer.types import Camera, usable_depth
+from gaussian_enhancer.types import Camera, numpy_view, usable_depth
 
 VARIANCE_EPSILON = 1e-8
 """Added to colour variances, since the square root would amplify rounding errors where photos are equal."""
@@ -217,10 +216,10 @@ def _search_compiled(
     with kernel_lock:
         images, starts = _pack_references(references)
         geometry = matrices, offsets, sizes, starts, np.float32(MIN_RELATIVE_Z)
-        masks = kernel_image(torch.cat([reference.mask for reference in references]))
+        masks = numpy_view(torch.cat([reference.mask for reference in references]))
         cost_settings = np.float32(search.inconsistency), np.float32(VARIANCE_EPSILON), cost, weight
         find_costs(
-            kernel_image(z[0]), multipliers, *geometry, images, masks, _interleaved_channels(image), *cost_settings
+            numpy_view(z[0]), multipliers, *geometry, images, masks, _interleaved_channels(image), *cost_settings
         )
         limits = np.float32(search.penalty), np.float32(INVISIBLE_COST), search.window // 2
         find_cost_minima(cost, weight, steps, *limits, best)
@@ -240,7 +239,7 @@ def _pack_references(references: Sequence[_PreparedReference]) -> tuple[np.ndarr
     for start, length, reference in zip(starts, lengths, references, strict=True):
         count = reference.projection.height * reference.projection.width
         pixels = images[start : start + count].reshape(*reference.photo.shape[-2:], 6)
-        pack(kernel_image(reference.photo), kernel_image(reference.render), kernel_image(reference.transform), pixels)
+        pack(numpy_view(reference.photo), numpy_view(reference.render), numpy_view(reference.transform), pixels)
         images[start + count : start + length] = 0
     return images, starts
 

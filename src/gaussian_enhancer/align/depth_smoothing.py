@@ -11,7 +11,8 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.align.projection import can_use_kernels, kernel_image
+from gaussian_enhancer.align.projection import can_use_kernels
+from gaussian_enhancer.types import numpy_view
 
 STEPS = (4, 2)
 """Pixels between the 5x5 samples of each pass, as in the a-trous transform, from the widest pass to the narrowest."""
@@ -96,5 +97,5 @@ def _fit_planes_compiled(
         np.float32(value) for value in (1 / DEPTH_TOLERANCE, 1 / (3 * COLOUR_TOLERANCE), RIDGE, MAX_DEPTH_RATIO)
     )
     with kernel_lock:
-        fit_planes(kernel_image(depth[0]), kernel_image(render), step, WINDOW_RADIUS, *constants, result[0].numpy())
+        fit_planes(numpy_view(depth[0]), numpy_view(render), step, WINDOW_RADIUS, *constants, result[0].numpy())
     return result

@@ -9,8 +9,8 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.align.projection import can_use_kernels, kernel_image
-from gaussian_enhancer.types import single_precision
+from gaussian_enhancer.align.projection import can_use_kernels
+from gaussian_enhancer.types import numpy_view, single_precision
 
 LEAST_MASS = 1e-3
 """Sum of the blocks' visibilities below which colours are not fitted; then the gain is 1 and the offset 0."""
@@ -77,7 +77,7 @@ def _fit_compiled(
     mass, means = np.empty(blocks, np.float32), np.empty((2, 3, blocks), np.float32)
     result = torch.tensor([[1.0, 0.0]], dtype=torch.float64).repeat(3, 1)
     with kernel_lock:
-        block_means(kernel_image(source), kernel_image(target), kernel_image(weight[0]), step, mass, means)
+        block_means(numpy_view(source), numpy_view(target), numpy_view(weight[0]), step, mass, means)
         if float(mass.sum(dtype=np.float64)) >= LEAST_MASS:
             fit_channels(mass, means, ROBUSTNESS, prior, ITERATIONS, result.numpy())
     return result

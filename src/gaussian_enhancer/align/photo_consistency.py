@@ -11,8 +11,9 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.align.projection import can_use_kernels, kernel_image
+from gaussian_enhancer.align.projection import can_use_kernels
 from gaussian_enhancer.align.reproject import Warped
+from gaussian_enhancer.types import numpy_view
 
 WINDOW = 7
 """Side in pixels of the squares over which references are compared with the render."""
@@ -81,9 +82,9 @@ def _photometric_difference_compiled(warped: Warped, image: Float[Tensor, "3 h w
     result = torch.empty_like(warped.visibility, memory_format=torch.contiguous_format)
     with kernel_lock:
         window_difference(
-            kernel_image(warped.colour),
-            kernel_image(image),
-            kernel_image(warped.visibility[0]),
+            numpy_view(warped.colour),
+            numpy_view(image),
+            numpy_view(warped.visibility[0]),
             WINDOW // 2,
             result[0].numpy(),
         )

@@ -16,7 +16,7 @@ import torch.nn.functional as F
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
-from gaussian_enhancer.types import Camera
+from gaussian_enhancer.types import Camera, numpy_view
 
 MIN_RELATIVE_Z = 1e-6
 """Least z in a reference's camera, relative to the depth in the target, since scenes have no common unit."""
@@ -105,7 +105,7 @@ def project_pixels(projection: ReferenceProjection, depth: Float[Tensor, "m h w"
 
     x, y, inside = (torch.empty_like(depth, memory_format=torch.contiguous_format) for _ in range(3))
     with kernel_lock:
-        kernel(kernel_image(depth[0]), *kernel_projection(projection), x[0].numpy(), y[0].numpy(), inside[0].numpy())
+        kernel(numpy_view(depth[0]), *kernel_projection(projection), x[0].numpy(), y[0].numpy(), inside[0].numpy())
     return ProjectedPixels(x, y, inside)
 
 
@@ -137,9 +137,9 @@ def depth_consistency(
     result = torch.empty_like(depth, memory_format=torch.contiguous_format)
     with kernel_lock:
         depth_agreement(
-            kernel_image(depth[0]),
+            numpy_view(depth[0]),
             *kernel_projection(projection),
-            kernel_image(reference_depth[0]),
+            numpy_view(reference_depth[0]),
             np.float32(tolerance),
             result[0].numpy(),
         )
@@ -164,11 +164,9 @@ def sample_projected_pair(
 
     down, across = np.float32(first.shape[-2] / size[0]), np.float32(first.shape[-1] / size[1])
     samples = first.new_empty(2, len(first), *where.shape[-2:])
-    positions = kernel_image(projected.x[0]), kernel_image(projected.y[0]), across, down, kernel_image(where[0])
+    positions = numpy_view(projected.x[0]), numpy_view(projected.y[0]), across, down, numpy_view(where[0])
     with kernel_lock:
-        sample_bicubic_pair(
-            kernel_image(first), kernel_image(second), *positions, samples[0].numpy(), samples[1].numpy()
-        )
+        sample_bicubic_pair(numpy_view(first), numpy_view(second), *positions, samples[0].numpy(), samples[1].numpy())
     return samples[0], samples[1]
 
 
@@ -200,10 +198,10 @@ def sample_projected(
     from gaussian_enhancer.compiled import kernel_lock
 
     result = where.new_empty(len(image), *where.shape[-2:])
-    positions = kernel_image(projected.x[0]), kernel_image(projected.y[0]), np.float32(across), np.float32(down)
+    positions = numpy_view(projected.x[0]), numpy_view(projected.y[0]), np.float32(across), np.float32(down)
     with kernel_lock:
         kernel = sample_bilinear if interpolation == "bilinear" else sample_bicubic
-        kernel(kernel_image(image), *positions, kernel_image(where[0]), result.numpy())
+        kernel(numpy_view(image), *positions, numpy_view(where[0]), result.numpy())
     return result
 
 
@@ -235,16 +233,11 @@ def can_use_kernels(*images: Tensor) -> bool:
     )
 
 
-def kernel_image(image: Tensor) -> np.ndarray:
-    """An image as a contiguous array for the kernels."""
-    return image.detach().contiguous().numpy()
-
-
 def kernel_projection(
     projection: ReferenceProjection,
 ) -> tuple[np.ndarray, np.ndarray, np.float32, np.float32, np.float32]:
     """Arguments of the kernels: matrix, offset, width and height of the reference, and least z relative to depth."""
-    matrix, offset = (value.detach().float().contiguous().numpy() for value in (projection.matrix, projection.offset))
+    matrix, offset = (numpy_view(value.float()) for value in (projection.matrix, projection.offset))
     return matrix, offset, np.float32(projection.width), np.float32(projection.height), np.float32(MIN_RELATIVE_Z)
 
 

@@ -18,8 +18,8 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from gaussian_enhancer.align.projection import can_use_kernels, kernel_image
-from gaussian_enhancer.types import NetworkInput
+from gaussian_enhancer.align.projection import can_use_kernels
+from gaussian_enhancer.types import NetworkInput, numpy_view
 
 BLOCK = 8
 """Side of a block, in pixels."""
@@ -125,9 +125,7 @@ def apply_shares_compiled(
     result = torch.empty_like(render, memory_format=torch.contiguous_format)
     with kernel_lock:
         for b, image in enumerate(result):
-            apply_shares(
-                kernel_image(enhanced[b]), kernel_image(render[b]), kernel_image(shares[b]), BLOCK, image.numpy()
-            )
+            apply_shares(numpy_view(enhanced[b]), numpy_view(render[b]), numpy_view(shares[b]), BLOCK, image.numpy())
     return result
 
 
@@ -205,7 +203,7 @@ def products_compiled(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -
     with kernel_lock:
         for b in range(batch):
             outputs = (array[b].numpy() for array in (means, details, visible_share, change))
-            kernel(*(kernel_image(image[b]) for image in inputs), np.float32(has_renders), BLOCK, STEP, *outputs)
+            kernel(*(numpy_view(image[b]) for image in inputs), np.float32(has_renders), BLOCK, STEP, *outputs)
     return means, details, visible_share, change
 
 

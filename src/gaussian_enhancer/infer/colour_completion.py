@@ -15,8 +15,8 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.align.projection import can_use_kernels, kernel_image
-from gaussian_enhancer.types import NetworkInput
+from gaussian_enhancer.align.projection import can_use_kernels
+from gaussian_enhancer.types import NetworkInput, numpy_view
 
 GRID = 100
 """Cells of the coarse grid along an image's longer side."""
@@ -106,10 +106,10 @@ def complete_compiled(
     with kernel_lock:
         for b, image in enumerate(result):
             inputs = (
-                kernel_image(enhanced[b]),
-                kernel_image(render[b]),
-                kernel_image(opaque[b, 0]),
-                kernel_image(model[b]),
+                numpy_view(enhanced[b]),
+                numpy_view(render[b]),
+                numpy_view(opaque[b, 0]),
+                numpy_view(model[b]),
             )
             complete(*inputs, image.numpy())
     return result

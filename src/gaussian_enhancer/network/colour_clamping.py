@@ -9,9 +9,9 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from gaussian_enhancer.align.projection import can_use_kernels, kernel_image
+from gaussian_enhancer.align.projection import can_use_kernels
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.types import NetworkInput
+from gaussian_enhancer.types import NetworkInput, numpy_view
 
 
 def clamp_to_references(
@@ -72,9 +72,7 @@ def clamp_compiled(
     limited = torch.empty_like(image, memory_format=torch.contiguous_format)
     with kernel_lock:
         for index, result in enumerate(limited):
-            inputs = (
-                kernel_image(images[index]) for images in (image, views.render, views.references, views.visibility)
-            )
+            inputs = (numpy_view(images[index]) for images in (image, views.render, views.references, views.visibility))
             clamps_all = clamp_unseen and bool((views.visibility[index] > 0).any())
             clamp(*inputs, reach, clamps_all, result.numpy())
     return limited

@@ -15,6 +15,7 @@ from torch import Tensor
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.scene.png import encode_png
+from gaussian_enhancer.types import numpy_view
 
 
 def write_image(path: Path, image: Float[Tensor, "c h w"]) -> None:
@@ -54,5 +55,5 @@ def to_bytes(image: Float[Tensor, "c h w"]) -> UInt8[np.ndarray, "h w c"]:
     channels, height, width = image.shape
     pixels = np.empty((height, width, channels), np.uint8)
     with kernel_lock:
-        quantise(image.detach().contiguous().numpy(), pixels)
+        quantise(numpy_view(image), pixels)
     return pixels

@@ -15,8 +15,8 @@ from torch.autograd.function import once_differentiable
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.io.validity import hide_unrenderable
 from gaussian_enhancer.splat.methods import Method, MipSplatting, ThreeDGS, TwoDGS, check_axes
-from gaussian_enhancer.splat.screen import ScreenStatistics, numpy_view
-from gaussian_enhancer.types import Camera, Gaussians, Render
+from gaussian_enhancer.splat.screen import ScreenStatistics
+from gaussian_enhancer.types import Camera, Gaussians, Render, numpy_view
 
 if TYPE_CHECKING:
     from gaussian_enhancer.splat import ewa, raster, tiles

@@ -12,8 +12,8 @@ from torch.autograd.function import once_differentiable
 
 from gaussian_enhancer.splat import disks, ewa, raster_disks, tiles
 from gaussian_enhancer.splat import sh as harmonics
-from gaussian_enhancer.splat.screen import ScreenStatistics, numpy_view
-from gaussian_enhancer.types import Camera, Gaussians, Render
+from gaussian_enhancer.splat.screen import ScreenStatistics
+from gaussian_enhancer.types import Camera, Gaussians, Render, numpy_view
 
 
 def render_disks(

@@ -1,11 +1,10 @@
-"""Statistics of each Gaussian from a render and its backward, and NumPy views of tensors for compiled kernels.
+"""Statistics of each Gaussian from a render and its backward.
 
 Axes: n Gaussians.
 """
 
 from dataclasses import dataclass
 
-import numpy as np
 from jaxtyping import Bool, Float
 from torch import Tensor
 
@@ -25,8 +24,3 @@ class ScreenStatistics:
 
     visible: Bool[Tensor, " n"] | None = None
     gradient: Float[Tensor, " n"] | None = None
-
-
-def numpy_view(tensor: Tensor) -> np.ndarray:
-    """A contiguous NumPy view of a CPU tensor, copied only if it is not contiguous."""
-    return tensor.detach().contiguous().numpy()

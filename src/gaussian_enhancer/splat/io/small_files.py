@@ -19,7 +19,7 @@ from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.optional_library import optional_library
 from gaussian_enhancer.splat.filters import apply_3d_filter
 from gaussian_enhancer.splat.io.spz import half_turn
-from gaussian_enhancer.types import Gaussians
+from gaussian_enhancer.types import Gaussians, numpy_view
 
 ENDINGS: Mapping[str, str] = {"compressed": ".compressed.ply", "spz": ".spz"}
 """File name ending of each format."""
@@ -66,7 +66,7 @@ def write_compressed(path: Path, gaussians: Gaussians, name: str) -> None:
         "sh0": converted.sh[:, 0],
         "shN": converted.sh[:, 1:],
     }
-    data = _library().GSData(**{key: value.detach().float().contiguous().numpy() for key, value in fields.items()})
+    data = _library().GSData(**{key: numpy_view(value.float()) for key, value in fields.items()})
     with tempfile.TemporaryDirectory() as folder:  # gsply chooses the ending of its file itself
         gsply_file = Path(folder) / f"splat{ENDINGS[name]}"
         if name == "spz":
