@@ -108,6 +108,6 @@ def _view(photo: Tensor, depth: Tensor | None, alpha: Tensor | None) -> View:
     return View(photo[None], *(None if plane is None else plane[None] for plane in (depth, alpha)))
 
 
-def _format_names(names: Sequence[str], limit: int = 8) -> str:
-    """The first names, up to a limit, for an error message."""
-    return ", ".join(names[:limit]) + (f" or another of {len(names)}" if len(names) > limit else "")
+def _format_names(names: Sequence[str]) -> str:
+    """The first 8 names, for an error message."""
+    return ", ".join(names[:8]) + (f" or another of {len(names)}" if len(names) > 8 else "")

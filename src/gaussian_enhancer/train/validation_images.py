@@ -20,6 +20,8 @@ from gaussian_enhancer.types import Batch, quantise_8_bit
 
 IMAGE_LOGGERS = (WandbLogger, TensorBoardLogger)
 """Loggers that accept images; wandb's accepts tables as well."""
+IMAGE_COUNT = 4
+"""Number of views whose images are logged, spread evenly."""
 
 
 class ValidationImages(Callback):
@@ -27,11 +29,10 @@ class ValidationImages(Callback):
 
     Args:
         loggers: the trainer's loggers.
-        images: number of views to log, spread evenly.
     """
 
-    def __init__(self, loggers: Sequence[Logger], images: int = 4) -> None:
-        self.loggers, self.images = [logger for logger in loggers if isinstance(logger, IMAGE_LOGGERS)], images
+    def __init__(self, loggers: Sequence[Logger]) -> None:
+        self.loggers = [logger for logger in loggers if isinstance(logger, IMAGE_LOGGERS)]
         self.pending_images: list[tuple[int, str, Tensor]] = []
 
     def on_validation_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
@@ -52,8 +53,8 @@ class ValidationImages(Callback):
             *_: unused.
         """
         position, enhanced = outputs["position"], outputs["enhanced"]
-        stride = max(1, len(trainer.val_dataloaders.dataset) // self.images)  # type: ignore[union-attr]
-        if self.loggers and position % stride == 0 and position // stride < self.images:
+        stride = max(1, len(trainer.val_dataloaders.dataset) // IMAGE_COUNT)  # type: ignore[union-attr]
+        if self.loggers and position % stride == 0 and position // stride < IMAGE_COUNT:
             raw = quantise_8_bit(upsample_bicubic(batch.views.render, pl_module.network.scale))  # type: ignore[arg-type,union-attr]
             self.pending_images.append((position, batch.names[0], side_by_side(raw[0], enhanced[0], batch.photo[0])))
 

@@ -117,11 +117,10 @@ class PairedGenerator:
 
     Args:
         model: trained networks.
-        precision: dtype of the networks under autocast.
     """
 
-    def __init__(self, model: FactorModel, precision: torch.dtype = torch.float32) -> None:
-        self.model, self.precision = model.eval().requires_grad_(False), precision
+    def __init__(self, model: FactorModel) -> None:
+        self.model, self.precision = model.eval().requires_grad_(False), torch.float32
 
     def __call__(
         self, manual: View, generators: Sequence[torch.Generator], real: Float[Tensor, "b 3 h w"] | None = None
