@@ -175,8 +175,11 @@ class Gaussians(Movable):
 
     def __getitem__(self, index: Tensor) -> "Gaussians":
         """The Gaussians that a mask or an index tensor selects."""
-        values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        return Gaussians(**{name: None if value is None else value[index] for name, value in values.items()})  # type: ignore[arg-type]
+        return Gaussians(**{name: None if value is None else value[index] for name, value in self.tensors().items()})  # type: ignore[arg-type]
+
+    def tensors(self) -> dict[str, Tensor | None]:
+        """The parameters by name."""
+        return {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
 
 
 @dataclass(frozen=True)

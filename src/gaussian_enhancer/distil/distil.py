@@ -161,10 +161,8 @@ class _DistilState:
 
     def save(self) -> None:
         """Write the checkpoint, which replaces the previous one."""
-        splat = self.splat()
-        fields = {f.name: getattr(splat, f.name) for f in dataclasses.fields(splat)}
-        state = {"identity": self._identity(), "step": self.step, "splat": fields, "optimiser": self.optimiser.state()}
-        save_checkpoint(self.folder, state)
+        state = {"identity": self._identity(), "step": self.step, "splat": self.splat().tensors()}
+        save_checkpoint(self.folder, state | {"optimiser": self.optimiser.state()})
 
     def _photo_loss(self) -> tuple[Tensor, Tensor]:
         """Loss on a training photo. In each pass of ``len(self.photos)`` steps, a photo is used at most once.

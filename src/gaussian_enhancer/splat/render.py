@@ -3,7 +3,6 @@
 Axes: n Gaussians, k spherical-harmonics coefficients, s scale axes, h height, w width.
 """
 
-import dataclasses
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -74,10 +73,9 @@ def render(
 def _to_float32(gaussians: Gaussians) -> Gaussians:
     """Convert a half-precision splat to float32; a gradient beyond the range of half precision raises an error."""
     converted, largest = gaussians.to(torch.float32), torch.finfo(gaussians.means.dtype).max
-    for field in dataclasses.fields(converted):
-        value = getattr(converted, field.name)
+    for name, value in converted.tensors().items():
         if value is not None and value.requires_grad:
-            value.register_hook(partial(_check_gradient_range, field.name, str(gaussians.means.dtype), largest))
+            value.register_hook(partial(_check_gradient_range, name, str(gaussians.means.dtype), largest))
     return converted
 
 

@@ -164,7 +164,7 @@ class _FitState:
             sweep=self.settings.sweep,
             progress=progress,
         )
-        self._adopt_gaussians({f.name: getattr(initial, f.name) for f in dataclasses.fields(initial)})
+        self._adopt_gaussians(initial.tensors())
         self._smooth()
 
     def train_step(self) -> tuple[Tensor, Tensor]:
@@ -201,13 +201,12 @@ class _FitState:
 
     def save(self) -> None:
         """Replace the checkpoint."""
-        splat = self.splat()
         save_checkpoint(
             self.folder,
             {
                 "identity": self._checkpoint_identity(),
                 "step": self.step,
-                "splat": {f.name: getattr(splat, f.name) for f in dataclasses.fields(splat)},
+                "splat": self.splat().tensors(),
                 "optimiser": self.optimiser.state(),
                 "pull": self.screen_gradients.state(),
                 "smoothing": self.smoothing,
