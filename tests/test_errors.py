@@ -1,10 +1,10 @@
-"""What a user's mistake says, and what records say of any error."""
+"""What a user's mistake says."""
 
 import pickle
 
 import pytest
 
-from gaussian_enhancer.errors import InputError, reason_of, refuse_unknown
+from gaussian_enhancer.errors import InputError, refuse_unknown
 
 FULL = InputError("disk", "is full", "free some space")
 
@@ -12,12 +12,6 @@ FULL = InputError("disk", "is full", "free some space")
 def test_a_users_mistake_survives_another_process() -> None:
     again = pickle.loads(pickle.dumps(FULL))
     assert (type(again), str(again), again.remedy) == (InputError, "disk: is full; free some space", "free some space")
-
-
-def test_reasons_name_the_type_of_what_is_no_users_mistake() -> None:
-    assert reason_of(FULL) == "disk: is full; free some space"
-    assert reason_of(KeyError("a")) == "KeyError: 'a'"
-    assert reason_of(RuntimeError("out of memory")) == "RuntimeError: out of memory"
 
 
 def test_what_a_file_says_cannot_break_the_line_or_fill_the_screen() -> None:

@@ -19,9 +19,9 @@ from omegaconf import DictConfig, OmegaConf
 
 from ablations.benchmarks.peer_networks import built, enhancement, forward
 from ablations.benchmarks.synthetic_views import read_views
+from ablations.study.cost import peak_memory
 from gaussian_enhancer import memory
 from gaussian_enhancer.configurations import configurations
-from gaussian_enhancer.metrics.cost import peak_memory
 from gaussian_enhancer.runs.instantiate import plain_values
 from gaussian_enhancer.runs.runtime import start
 

@@ -52,14 +52,16 @@ from ablations.report.performance import (
     performance_page,
     performance_plot,
 )
+from ablations.study.cost import device_description, quartiles, times_faster
 from ablations.study.engine import Study, job
+from ablations.study.missing import missing_record, reason_of
 from ablations.tradeoff.summary import HIGH, LOW, TIME
 from gaussian_enhancer.console import print_line
-from gaussian_enhancer.errors import InputError, reason_of
+from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.weights import count_parameters
-from gaussian_enhancer.metrics.cost import Timing, device_description, time_interleaved
-from gaussian_enhancer.metrics.records import Record, missing_record, read_records
+from gaussian_enhancer.metrics.cost import Timing, time_interleaved
+from gaussian_enhancer.metrics.records import Record, read_records
 
 OURS = {1: "lr_tiny", 4: "sr_tiny"}
 """By scale, the weights whose whole enhancement others are compared with."""
@@ -193,7 +195,7 @@ def network_records(cfg: DictConfig, peers: list[Peer], device: torch.device, vi
         ours = f"{OURS.get(call.peer.scale)}/{'bfloat16' if call.dtype == CAST else call.dtype}/{ENHANCEMENT}"
         if ours in times:
             columns = ("times_ours", "times_ours_low", "times_ours_high")
-            metrics |= dict(zip(columns, times[ours].times_faster(times[key]), strict=True))
+            metrics |= dict(zip(columns, times_faster(times[ours], times[key]), strict=True))
         if cfg.memory:
             metrics["peak_memory_mb"] = _peak(cfg, call, views)
         published = call.peer.pretrained is None
@@ -262,7 +264,7 @@ def tried_records(cfg: DictConfig) -> Iterator[Record]:
         times = time_interleaved(calls, cfg.rounds, 1)
     for i, trial in enumerate(all_trials):
         before, after = (times[f"{i} {name}"] for name in ("before", "after"))
-        ratio, low, high = after.times_faster(before)
+        ratio, low, high = times_faster(after, before)
         metrics: dict[str, float | None] = {"before": before.milliseconds, "after": after.milliseconds}
         metrics |= {"times": ratio, "times_low": low, "times_high": high}
         verdict = "kept" if trial.kept else "dropped"
@@ -281,7 +283,7 @@ def cold_records(cfg: DictConfig, views: Path, folder: Path) -> Iterator[Record]
     }
     calls = {name: partial(_process, command) for name, command in commands.items()}
     for name, timing in time_interleaved(calls, cfg.cold_rounds, 1).items():
-        ends = dict(zip((LOW, HIGH), timing.quartiles, strict=True))
+        ends = dict(zip((LOW, HIGH), quartiles(timing), strict=True))
         metrics: dict[str, float | None] = {"milliseconds": timing.milliseconds, **ends}
         yield Record(COLD, "", "", "", "", name, metrics, size=SMALL[::-1], protocol="whole processes, caches filled")
 
@@ -306,8 +308,8 @@ def _timing(values: list[float]) -> Timing:
 
 def _time(timing: Timing, megapixels: float, yardstick: Timing) -> dict[str, float | None]:
     """Milliseconds a megapixel with quartiles, and the median of the rounds' ratios to the yardstick."""
-    low, high = timing.quartiles
-    ratio, ratio_low, ratio_high = yardstick.times_faster(timing)
+    low, high = quartiles(timing)
+    ratio, ratio_low, ratio_high = times_faster(yardstick, timing)
     return {
         TIME: timing.milliseconds / megapixels,
         LOW: low / megapixels,

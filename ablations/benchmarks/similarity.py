@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from omegaconf import DictConfig
 
+from ablations.study.cost import times_faster
 from ablations.study.engine import Study, job
 from gaussian_enhancer.loss.terms import dssim
 from gaussian_enhancer.metrics.cost import time_interleaved
@@ -38,7 +39,7 @@ def measured(cfg: DictConfig) -> list[dict[str, Any]]:
         "size": f"{cfg.height}x{cfg.width}",
         "own_ms": times["own"].milliseconds,
         "autograd_ms": times["autograd"].milliseconds,
-        "ratio": times["own"].times_faster(times["autograd"])[0],
+        "ratio": times_faster(times["own"], times["autograd"])[0],
         "rounds": cfg.rounds,
         "threads": torch.get_num_threads(),
     }

@@ -14,7 +14,9 @@ from omegaconf import DictConfig
 from rich.console import Console
 
 from ablations.report.plan_study import KIND, RATIOS, PlanAims, PlanScenes, plan_plot, plan_study_page
+from ablations.study.cost import deviation, peak_memory, times_faster
 from ablations.study.engine import Study, job
+from ablations.study.missing import missing_record
 from ablations.suite.evaluation import StudyCell, compose_checked, fitted_cell
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError
@@ -25,10 +27,10 @@ from gaussian_enhancer.infer.plan import Plan, Rules
 from gaussian_enhancer.infer.preload import validation_reads
 from gaussian_enhancer.infer.validated_inputs import validate_inputs
 from gaussian_enhancer.infer.weights import Pretrained, load_weights
-from gaussian_enhancer.metrics.cost import Timing, peak_memory, time_interleaved
+from gaussian_enhancer.metrics.cost import Timing, time_interleaved
 from gaussian_enhancer.metrics.lpips import PerceptualDistance, requested_distances
 from gaussian_enhancer.metrics.pair import PROTOCOL, measure_pair
-from gaussian_enhancer.metrics.records import Record, missing_record, read_records
+from gaussian_enhancer.metrics.records import Record, read_records
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.rendered import RenderedSet
@@ -168,7 +170,7 @@ def _measured(cfg: DictConfig, cell: StudyCell, background: bool) -> Iterator[Re
     for name, outcome in outcomes.items():
         peak = peak_memory(partial(enhanced_by, outcome.plan.rules, pretrained, first_view, device), device)
         record = _scene_record(fit.name, cell, name, outcome, times[name], peak, background)
-        ratios = dict(zip(RATIOS, times[name].times_faster(times[cfg.baseline]), strict=True))
+        ratios = dict(zip(RATIOS, times_faster(times[name], times[cfg.baseline]), strict=True))
         yield replace(record, metrics={**record.metrics, **ratios})
         for record in _view_records(rendered, outcome, distances):
             yield replace(record, run=fit.name, scene=cell.scene, splat=cell.splat, variant=name)
@@ -182,7 +184,7 @@ def _scene_record(
     left_out_shares = [share for view in views for share in view.left_out.values()]
     metrics: dict[str, float | None] = {
         "milliseconds": timing.milliseconds / count,
-        "milliseconds_deviation": timing.deviation / count,
+        "milliseconds_deviation": deviation(timing) / count,
         "peak_memory_mb": peak / 1e6,
         "views": count,
         "background": float(background),

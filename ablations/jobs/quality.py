@@ -15,6 +15,7 @@ from ablations.report.quality import QualityTable, quality_page
 from ablations.study.aims import Aims
 from ablations.study.description import MethodDescription, SceneGroup, TableDescription
 from ablations.study.engine import Study, job
+from ablations.study.missing import missing_record
 from ablations.study.results import Results
 from ablations.study.sections import relative_link
 from ablations.suite.evaluation import StudyCell, check_same_views, measured_row
@@ -22,7 +23,7 @@ from ablations.suite.method_runs import with_backbones
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.metrics.records import Record, missing_record, read_records
+from gaussian_enhancer.metrics.records import Record, read_records
 
 CONSOLE = Console(stderr=True)
 ROLES = ("other", "ours")

@@ -14,6 +14,7 @@ from rich.console import Console
 from ablations.report.tables import summary_page, write_reports
 from ablations.study.description import read_description, write_description
 from ablations.study.engine import Study, measure_and_add
+from ablations.study.missing import missing_record, reason_of
 from ablations.study.rows import RowFile
 from ablations.suite.cluster import make_runs_ahead
 from ablations.suite.costs import cost_records
@@ -23,9 +24,9 @@ from ablations.suite.figures import draw_figure
 from ablations.suite.method_runs import Runs, with_backbones
 from ablations.suite.plan import format_plan, plan_runs
 from gaussian_enhancer.console import print_line
-from gaussian_enhancer.errors import InputError, reason_of
+from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.metrics.records import MISSING, Record, missing_record, read_records
+from gaussian_enhancer.metrics.records import MISSING, Record, read_records
 from gaussian_enhancer.runs.instantiate import require
 
 KEYS = ("variant", "scene", "splat", "seed", "view")

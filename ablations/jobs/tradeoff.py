@@ -17,6 +17,7 @@ from rich.console import Console
 from ablations.report.tradeoff import write_pages
 from ablations.report.tradeoff_quality import TradeoffLimits
 from ablations.study.engine import Study, job
+from ablations.study.pareto import pareto_front
 from ablations.tradeoff.interleaved import study_records
 from ablations.tradeoff.methods import SettingLoader
 from ablations.tradeoff.numerics import numeric_records
@@ -28,7 +29,6 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.presets import Preset, write_presets
 from gaussian_enhancer.metrics.lpips import requested_distances
 from gaussian_enhancer.metrics.records import Record, read_records
-from gaussian_enhancer.metrics.tradeoff import pareto_front
 
 CONSOLE = Console(stderr=True)
 KINDS = ("quality", "training", "numerics")

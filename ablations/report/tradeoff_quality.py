@@ -6,12 +6,13 @@ from dataclasses import dataclass, replace
 import pandas as pd
 
 from ablations.study.markdown import frame, markdown
+from ablations.study.pareto import cheapest_within, error_above_best, pareto_front
 from ablations.study.plots import Mark, Panel, work_precision
 from ablations.study.sections import missing_section
 from ablations.tradeoff.summary import SettingSummary, summarise
 from gaussian_enhancer.metrics.comparison import format_value
 from gaussian_enhancer.metrics.records import Record
-from gaussian_enhancer.metrics.tradeoff import Point, best_within, cheapest_within, error_above_best, pareto_front
+from gaussian_enhancer.metrics.tradeoff import Point, best_within
 
 ALL = "all"
 BASELINES = ("raw", "bicubic")

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from gaussian_enhancer.metrics.tradeoff import Point, pareto_front
+from ablations.study.pareto import pareto_front
+from gaussian_enhancer.metrics.tradeoff import Point
 
 MARKERS = "os^DXP"
 STYLE = {

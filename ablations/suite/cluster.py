@@ -15,12 +15,13 @@ from filelock import FileLock
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
+from ablations.study.missing import reason_of
 from ablations.suite.descriptions import Experiment, read_experiment
 from ablations.suite.method_runs import Runs
 from ablations.suite.plan import PlannedRun, RunSpec, plan_runs
 from gaussian_enhancer.configurations import configurations
 from gaussian_enhancer.console import print_line
-from gaussian_enhancer.errors import InputError, reason_of
+from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import plain_values
 from gaussian_enhancer.runs.lock import wait_for_holders
 from gaussian_enhancer.runs.runtime import choose_device

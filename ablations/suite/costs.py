@@ -18,16 +18,17 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from torch import Tensor
 
+from ablations.study.cost import device_description, peak_memory
+from ablations.study.missing import missing_record, reason_of
 from ablations.suite.descriptions import Experiment
 from ablations.suite.method_runs import Runs
 from gaussian_enhancer.checkpoint import find_checkpoint
 from gaussian_enhancer.console import print_line
-from gaussian_enhancer.errors import reason_of
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import load_weights
-from gaussian_enhancer.metrics.cost import device_description, peak_memory, time_interleaved
+from gaussian_enhancer.metrics.cost import time_interleaved
 from gaussian_enhancer.metrics.provenance import this_machine
-from gaussian_enhancer.metrics.records import Record, missing_record, read_records, write_records
+from gaussian_enhancer.metrics.records import Record, read_records, write_records
 from gaussian_enhancer.runs import status
 from gaussian_enhancer.runs.run import find_run, open_run
 from gaussian_enhancer.runs.runtime import start

@@ -15,16 +15,18 @@ from omegaconf import DictConfig, open_dict
 from rich.console import Console
 from torch import Tensor
 
+from ablations.study.cost import device_description, peak_memory, quartiles
+from ablations.study.missing import missing_record, reason_of
 from ablations.suite.evaluation import StudyCell, compose_checked, fitted_cell
 from ablations.tradeoff.methods import Enhance, SettingLoader
 from ablations.tradeoff.settings import TradeoffStudy
 from ablations.tradeoff.summary import HIGH, LOW, TIME
 from gaussian_enhancer.console import print_line
-from gaussian_enhancer.errors import InputError, reason_of
-from gaussian_enhancer.metrics.cost import device_description, peak_memory, time_interleaved
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.metrics.cost import time_interleaved
 from gaussian_enhancer.metrics.lpips import PerceptualDistance
 from gaussian_enhancer.metrics.pair import PROTOCOL, measure_pair
-from gaussian_enhancer.metrics.records import Record, missing_record
+from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.runs.inputs import read_task
 from gaussian_enhancer.scene.in_memory import single_target_sets
 from gaussian_enhancer.scene.rendered import RenderedSet
@@ -191,8 +193,8 @@ def _view_records(
         measured = measure_pair(first_call.image, read(), distances)
         size = (first_call.image.shape[-1], first_call.image.shape[-2])
         megapixels = size[0] * size[1] / 1e6
-        quartiles = times[name].quartiles
-        low, middle, high = (value / megapixels for value in (quartiles[0], times[name].milliseconds, quartiles[1]))
+        lower, upper = quartiles(times[name])
+        low, middle, high = (value / megapixels for value in (lower, times[name].milliseconds, upper))
         metrics = {**measured.metrics, TIME: middle, LOW: low, HIGH: high, "peak_memory_mb": first_call.megabytes}
         if first_call.compile_seconds is not None:
             metrics["compile_seconds"] = first_call.compile_seconds

@@ -9,11 +9,13 @@ import torch
 from rich.console import Console
 from torch import Tensor
 
+from ablations.study.cost import device_description, quartiles
+from ablations.study.missing import missing_record, reason_of
 from ablations.tradeoff.kernels import deformable, latent, networks, reprojection, resampling
 from ablations.tradeoff.rasterisers import rasterisers
-from gaussian_enhancer.errors import InputError, reason_of, refuse_unknown
-from gaussian_enhancer.metrics.cost import device_description, time_interleaved
-from gaussian_enhancer.metrics.records import Record, missing_record
+from gaussian_enhancer.errors import InputError, refuse_unknown
+from gaussian_enhancer.metrics.cost import time_interleaved
+from gaussian_enhancer.metrics.records import Record
 
 KIND = "numerics"
 
@@ -82,7 +84,7 @@ def case_records(case: Computation, repeats: int, device: torch.device, seconds:
     protocol = f"{device_description(device)}: median and quartiles of {repeats} interleaved repeats; relative error: "
     protocol += "root mean square of the difference from float64 over that of float64's result"
     for variant, (relative, largest) in errors.items():
-        low, high = times[variant].quartiles
+        low, high = quartiles(times[variant])
         metrics: dict[str, float | None] = {"relative_error": relative, "largest_error": largest}
         metrics |= {"milliseconds": times[variant].milliseconds, "lower_quartile": low, "upper_quartile": high}
         yield Record(KIND, "", case.name, "", "", variant, metrics, protocol=protocol)

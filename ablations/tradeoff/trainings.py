@@ -7,9 +7,10 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from ablations.report.dashboard.runs import Curve, read_curves
+from ablations.study.missing import missing_record
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.input_files import read_configuration
-from gaussian_enhancer.metrics.records import Record, missing_record
+from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.runs.instantiate import plain_values
 from gaussian_enhancer.runs.run import digest_of
 

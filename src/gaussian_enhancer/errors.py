@@ -64,14 +64,3 @@ def one_line(text: str) -> str:
         return escaped
     half = LONGEST // 2
     return f"{escaped[:half]} ... {escaped[-half:]}"
-
-
-def reason_of(error: BaseException) -> str:
-    """Format an error as the reason that a record gives for a missing result.
-
-    An `InputError` is given by its message, any other error by its type and message.
-
-    Args:
-        error: the error that prevented the result.
-    """
-    return str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"

@@ -39,6 +39,7 @@ from ablations.report.performance import (
     performance_plot,
     times_ours,
 )
+from ablations.study.missing import missing_record
 from ablations.suite.costs import plane
 from ablations.tradeoff.summary import HIGH, LOW, TIME
 from gaussian_enhancer.errors import InputError
@@ -47,7 +48,7 @@ from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.cost import Timing, time_interleaved
-from gaussian_enhancer.metrics.records import Record, missing_record, read_records
+from gaussian_enhancer.metrics.records import Record, read_records
 from support.job_config import initialised
 
 CPU = torch.device("cpu")

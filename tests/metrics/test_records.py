@@ -8,9 +8,7 @@ import pytest
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import (
     HIGHER_IS_BETTER,
-    MISSING,
     Record,
-    missing_record,
     read_checked,
     read_records,
     write_records,
@@ -111,10 +109,3 @@ def test_checksums_are_those_of_the_lines(tmp_path):
     lines = (tmp_path / "r.jsonl").read_text(encoding="utf-8").split("\n")[:-1]
     assert [checksum for checksum, _ in checked] == [json.loads(line)["sha256"] for line in lines]
     assert tuple(one for _, one in checked) == read_records(tmp_path / "r.jsonl")
-
-
-def test_a_missing_record_says_why_and_is_read_back(tmp_path):
-    made = missing_record("ours", "is not trained", scene="fox", splat="3dgs/sparse", seed=1, sources={"fit": "fox-1"})
-    assert (made.kind, made.metrics, made.reasons) == (MISSING, {}, {"row": "is not trained"})
-    write_records(tmp_path / "found.jsonl", [made])
-    assert read_records(tmp_path / "found.jsonl") == (made,)

@@ -85,32 +85,6 @@ class Record:
             raise ValueError(f"metric {unexplained[0]} has neither a value nor a reason")
 
 
-def missing_record(
-    variant: str,
-    reason: str,
-    *,
-    run: str = "",
-    scene: str = "",
-    splat: str = "",
-    view: str = "",
-    seed: int | None = None,
-    sources: dict[str, str] | None = None,
-) -> Record:
-    """Make the record for a row that could not be measured.
-
-    Args:
-        variant: the method.
-        reason: why the row could not be measured.
-        run: see `Record`.
-        scene: see `Record`.
-        splat: see `Record`.
-        view: see `Record`.
-        seed: see `Record`.
-        sources: the runs that the result would have come from.
-    """
-    return Record(MISSING, run, scene, splat, view, variant, {}, {"row": reason}, seed=seed, sources=sources or {})
-
-
 def write_records(path: str | Path, records: Iterable[Record]) -> None:
     """Write a file of records atomically; an existing file is replaced.
 
