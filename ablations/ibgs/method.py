@@ -17,11 +17,9 @@ from ablations.study.fits import finished_runs
 from ablations.study.methods import Applied
 from gaussian_enhancer.align.alignment import LoadedView
 from gaussian_enhancer.align.references import ReferencePool
-from gaussian_enhancer.checkpoint import checkpoint_digest
+from gaussian_enhancer.checkpoint import WEIGHTS, checkpoint_digest
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.rendered import RenderedView
-
-WEIGHTS = "weights.safetensors"
 
 
 @dataclass(frozen=True)

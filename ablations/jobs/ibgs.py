@@ -10,7 +10,6 @@ from omegaconf import DictConfig
 from rich.console import Console
 from rich.progress import Progress
 
-from ablations.ibgs.method import WEIGHTS
 from ablations.ibgs.network import IBGSResidual
 from ablations.ibgs.training import (
     ResidualSettings,
@@ -20,6 +19,7 @@ from ablations.ibgs.training import (
     training_views,
 )
 from ablations.study.fits import finished_fits, scene_of
+from gaussian_enhancer.checkpoint import WEIGHTS
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import count_parameters

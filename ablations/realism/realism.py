@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ablations.realism.anisotropy import anisotropy_distance
 from ablations.realism.patches import RenderPair, eight_bit
-from ablations.realism.spectrum import spectrum_distance
+from ablations.realism.spectrum import ROUNDING, spectrum_distance
 from ablations.study.fits import refuse_without_views, scene_of
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.simulator import Simulator
@@ -127,4 +127,4 @@ def _scaled(image: UInt8[Tensor, "3 h w"]) -> Tensor:
 def _mean_psnr(residuals: Sequence[Tensor]) -> float:
     """Mean over images of -10 log10 of the mean squared residual; errors below the 8 bits' rounding count as it."""
     errors = torch.stack([residual.double().square().mean() for residual in residuals])
-    return (-10 * torch.log10(errors.clamp_min(1 / (12 * 255**2)))).mean().item()
+    return (-10 * torch.log10(errors.clamp_min(ROUNDING))).mean().item()

@@ -11,6 +11,7 @@ import pandas as pd
 
 from ablations.study.aims import VERDICTS, improvement_sign, ranked_losses
 from ablations.study.description import MethodDescription, SceneGroup, TableDescription
+from ablations.study.gains import METRICS
 from ablations.study.markdown import frame, markdown
 from ablations.study.plots import bar_panels
 from ablations.study.results import Results
@@ -21,7 +22,6 @@ KIND = "leaving_out"
 """Kind of the record of a plan on a whole scene."""
 RATIOS = ("times_faster", "times_faster_low", "times_faster_high")
 """Metrics of that record: speed-up over the baseline, and the ends of its interval."""
-METRICS = ("psnr", "psnr_aligned", "ssim", "lpips_alex")
 DECIMALS = {"psnr": 3, "ssim": 4, "lpips_alex": 4}
 
 

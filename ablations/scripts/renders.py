@@ -14,9 +14,11 @@ from omegaconf import DictConfig
 
 from ablations.study.engine import Study, job
 from ablations.study.gains import gain_study
+from gaussian_enhancer.checkpoint import WEIGHTS
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import load_weights
+from gaussian_enhancer.runs.status import DONE
 
 
 def find_weights(row: str, runs: Path) -> Path:
@@ -25,11 +27,11 @@ def find_weights(row: str, runs: Path) -> Path:
     Raises:
         InputError: there is none, or more than one.
     """
-    finished = sorted(folder for folder in (runs / "train").glob(f"renders_{row}-*") if (folder / "done").is_file())
+    finished = sorted(folder for folder in (runs / "train").glob(f"renders_{row}-*") if (folder / DONE).is_file())
     if len(finished) != 1:
         remedy = f"run: gaussian-enhancer train +recipe=renders +ablation/renders={row}"
         raise InputError(f"row {row}", f"has {len(finished)} finished trainings", remedy)
-    return finished[0] / "weights.safetensors"
+    return finished[0] / WEIGHTS
 
 
 def load_enhancers(rows: Sequence[str], runs: Path, device: torch.device | None = None) -> dict[str, SetEnhancer]:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import read_records
+from gaussian_enhancer.runs.status import DONE
 from gaussian_enhancer.scene.renders import run_steps
 
 
@@ -24,7 +25,7 @@ def finished_runs(patterns: Sequence[str]) -> tuple[list[Path], list[Path]]:
     unfinished: set[Path] = set()
     for pattern in patterns:
         folders = [Path(path) for path in glob.glob(pattern) if Path(path).is_dir()]
-        finished_here = {folder for folder in folders if (folder / "done").is_file()}
+        finished_here = {folder for folder in folders if (folder / DONE).is_file()}
         if not finished_here:
             raise InputError(pattern, "names no finished run", "fit first, or correct the pattern")
         finished |= finished_here

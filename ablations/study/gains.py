@@ -14,6 +14,7 @@ from gaussian_enhancer.metrics.lpips import requested_distances
 from gaussian_enhancer.scene.renders import read_run
 
 METRICS = ("psnr", "psnr_aligned", "ssim", "lpips_alex")
+"""The metrics whose gains are reported."""
 
 
 def gain_study(enhancers: Mapping[str, SetEnhancer], cfg: DictConfig, device: torch.device) -> Study[Path]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from ablations.suite.upsampled import bicubic, fine_photos, high_resolution_renders
-from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
+from gaussian_enhancer.checkpoint import WEIGHTS, checkpoint_digest, find_checkpoint
 from gaussian_enhancer.cli.pipeline import enhance_run, fit_run
 from gaussian_enhancer.cli.train import naming_configuration
 from gaussian_enhancer.errors import InputError
@@ -162,7 +162,7 @@ def method_weights(cfg: DictConfig, method_settings: DictConfig) -> str:
     if run is None or not run.done:
         command = f"gaussian-enhancer train {' '.join(method_settings.train)}"
         raise InputError("weights", "are not trained yet" if run is None else "are being trained", command)
-    return str(run.folder / "weights.safetensors")
+    return str(run.folder / WEIGHTS)
 
 
 def check_same_views(cell: str, views: Mapping[str, tuple[str, ...]]) -> None:

@@ -16,6 +16,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 
 from ablations.suite.descriptions import Experiment
 from ablations.suite.evaluation import StudyCell, compose_checked, measure_now, method_images
+from gaussian_enhancer.checkpoint import WEIGHTS
 from gaussian_enhancer.cli import train, train_generator
 from gaussian_enhancer.cli.pipeline import fit_run
 from gaussian_enhancer.errors import InputError
@@ -32,8 +33,6 @@ from gaussian_enhancer.runs.run import Run, find_run, open_run, run_digest
 from gaussian_enhancer.train.trainer import result_configuration
 
 T = TypeVar("T")
-
-WEIGHTS = "weights.safetensors"
 
 
 def train_key(experiment: Experiment, method: str, seed: int) -> tuple[Any, ...]:

@@ -17,6 +17,8 @@ from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.input_files import abbreviate, parse_json, refuse_larger, regular_file, to_input_error
 
 _N = TypeVar("_N", bound=nn.Module)
+WEIGHTS = "weights.safetensors"
+"""File of a training's weights in its run's folder."""
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "weights"
 DTYPES = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
 MEMORY_GROWTH = 6

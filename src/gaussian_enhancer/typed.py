@@ -3,15 +3,18 @@
 import dataclasses
 import json
 from collections.abc import Sequence
-from typing import Any, get_args, get_type_hints
+from typing import Annotated, Any, get_args, get_type_hints
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.input_files import abbreviate
 
 STRICT = ConfigDict(strict=True, allow_inf_nan=False, arbitrary_types_allowed=True)
+
+Share = Annotated[int | float, Field(ge=0, le=1)]
+"""Type of a field that holds a number from 0 to 1."""
 
 RULES = {
     "bool_type": "true or false",

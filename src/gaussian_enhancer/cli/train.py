@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from omegaconf import DictConfig, open_dict
 
-from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
+from gaussian_enhancer.checkpoint import WEIGHTS, checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_json
 from gaussian_enhancer.infer.weights import (
@@ -54,7 +54,7 @@ def run(cfg: DictConfig) -> float | None:
     count = spawn_count(cfg)
     job = open_run(_with_digests(cfg), "train", cfg.label, locked=is_first())
     if job.done:
-        print(f"trained already: {job.folder / 'weights.safetensors'}")
+        print(f"trained already: {job.folder / WEIGHTS}")
         return float(json.loads((job.folder / "card.json").read_text())["validation"]["gain/psnr"])
     silence_lightning()
     require_saveable(_network(cfg))
@@ -109,10 +109,10 @@ def _train(cfg: DictConfig, job: Run) -> float | None:
         **({"frozen": list(cfg.frozen)} if cfg.get("frozen") else {}),
         **({"dropped": non_finite} if non_finite else {}),
     }
-    save_weights(job.folder / "weights.safetensors", module.network, reference_config, card)  # type: ignore[arg-type]
+    save_weights(job.folder / WEIGHTS, module.network, reference_config, card)  # type: ignore[arg-type]
     write_json(job.folder / "card.json", card, indent=2)
     job.finish()
-    print(f"{job.folder / 'weights.safetensors'}: " + ", ".join(f"{k} {v:+.4f}" for k, v in validation.items()))
+    print(f"{job.folder / WEIGHTS}: " + ", ".join(f"{k} {v:+.4f}" for k, v in validation.items()))
     return validation["gain/psnr"]
 
 

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.progress import track
 
 from gaussian_enhancer.align.references import ReferenceConfig
-from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
+from gaussian_enhancer.checkpoint import WEIGHTS, checkpoint_digest, find_checkpoint
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.files import write_json
@@ -42,7 +42,7 @@ def run(cfg: DictConfig) -> None:
     job = open_run(cfg, "train_confidence", Path(cfg.weights).stem)
     device = start(cfg.runtime)
     console = Console(stderr=True)
-    weights = job.folder / "weights.safetensors"
+    weights = job.folder / WEIGHTS
     if job.done:
         print_line(console, f"trained already: {weights}")
         return

@@ -8,6 +8,7 @@ from typing import Any
 from omegaconf import DictConfig
 from rich.console import Console
 
+from gaussian_enhancer.checkpoint import WEIGHTS
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.degrade.generative.second_stage import FactorDesign, FactorModel
 from gaussian_enhancer.degrade.generative.weights import load_model, save_model
@@ -42,7 +43,7 @@ def run(cfg: DictConfig) -> float | None:
         raise InputError("trainer.devices", received, "train it with trainer.devices=1")
     job = open_run(result_configuration(cfg), "train_generator", cfg.label)
     console = Console(stderr=True)
-    weights = job.folder / "weights.safetensors"
+    weights = job.folder / WEIGHTS
     if job.done:
         print_line(console, f"trained already: {weights}")
         return float(json.loads((job.folder / "card.json").read_text())["validation"]["gain/diffused"])

@@ -12,11 +12,10 @@ from jaxtyping import Bool, Float
 from pydantic import Field
 from torch import Tensor
 
-from gaussian_enhancer.distil.settings import Share
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer
 from gaussian_enhancer.scene.scene import Photo
 from gaussian_enhancer.splat.render import render
-from gaussian_enhancer.typed import check_fields
+from gaussian_enhancer.typed import Share, check_fields
 from gaussian_enhancer.types import Camera
 
 PROBES = 4

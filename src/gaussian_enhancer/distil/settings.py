@@ -7,9 +7,7 @@ from pydantic import Field
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.fit.optimise import LearningRates
-from gaussian_enhancer.typed import check_fields
-
-Share = Annotated[int | float, Field(ge=0, le=1)]
+from gaussian_enhancer.typed import Share, check_fields
 
 
 def _rates() -> LearningRates:
@@ -40,7 +38,7 @@ class DistilSettings:
     views: Annotated[int, Field(ge=2)] = 48
     share: Share = 0.7
     weight: Share = 1.0
-    around: Annotated[int | float, Field(ge=0, le=1)] = 0.75
+    around: Share = 0.75
     ssim_weight: Share = 0.2
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     rates: LearningRates = field(default_factory=_rates)

@@ -12,6 +12,7 @@ from gaussian_enhancer.report.collect import compared_views, provenance_of
 from gaussian_enhancer.report.compared import ComparedView
 from gaussian_enhancer.report.figures import contact_sheet
 from gaussian_enhancer.report.page import write_report
+from gaussian_enhancer.runs.status import DONE
 from gaussian_enhancer.scene.photos import background_colour
 from gaussian_enhancer.scene.renders import run_steps
 
@@ -57,7 +58,7 @@ def open_measured(folder: str | Path) -> MeasuredRun:
         InputError: the job is not finished, measured only one variant, or its images no longer exist.
     """
     root = Path(folder)
-    if not (root / "done").is_file():
+    if not (root / DONE).is_file():
         raise InputError(root, "is no finished measure job", "run: gaussian-enhancer measure run=FOLDER")
     records = read_records(root / "records.jsonl")
     if {record.variant for record in records} != {"raw", "enhanced"}:

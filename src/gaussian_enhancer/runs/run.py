@@ -44,7 +44,7 @@ class Run:
 
     def finish(self) -> None:
         """Mark the run as completed and unlock its folder. This is the last step of a job."""
-        write_json(self.folder / "done", {"digest": self.digest, "time": time.time()})
+        write_json(self.folder / status.DONE, {"digest": self.digest, "time": time.time()})
         status.remove_marks(self.folder)
         lock.release(self.folder)
 
@@ -78,7 +78,7 @@ def open_run(cfg: DictConfig, job: str, label: str, locked: bool = True, reused:
         raise
     write_text(folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create({"job": job, **values}), sort_keys=True))
     if finished is None or not reused:
-        (folder / "done").unlink(missing_ok=True)
+        (folder / status.DONE).unlink(missing_ok=True)
         status.mark_running(folder)
     return Run(folder, digest)
 
@@ -135,7 +135,7 @@ def finished_digest(folder: Path) -> str | None:
     Raises:
         InputError: the file ``done`` cannot be read.
     """
-    marker = folder / "done"
+    marker = folder / status.DONE
     if not marker.is_file():
         return None
     try:

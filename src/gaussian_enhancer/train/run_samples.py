@@ -8,6 +8,7 @@ from pathlib import Path
 
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.runs.status import DONE
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import read_run, run_steps
 from gaussian_enhancer.train.non_finite import BAD_SHARE
@@ -107,6 +108,6 @@ def find_runs(pattern: str) -> list[Path]:
     if not runs:
         raise InputError(pattern, "names no run with held-out renders", "fit scenes first, or correct the pattern")
     for run in runs:
-        if (run / "config.yaml").is_file() and not (run / "done").is_file():
+        if (run / "config.yaml").is_file() and not (run / DONE).is_file():
             raise InputError(run, "is a fit that was not finished", "start the same fit again, or delete the folder")
     return runs

@@ -5,15 +5,13 @@ Axes: h height, w width.
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
 
 import torch
 from jaxtyping import Float
-from pydantic import Field
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.typed import check_fields
+from gaussian_enhancer.typed import Share, check_fields
 
 LAYOUTS = ("enhanced", "render", "side_by_side", "wipe")
 SWEEPS = 2
@@ -33,7 +31,7 @@ class Layout:
     """
 
     kind: str = "enhanced"
-    wipe: Annotated[int | float, Field(ge=0, le=1)] | None = 0.5
+    wipe: Share | None = 0.5
 
     def __post_init__(self) -> None:
         if self.kind not in LAYOUTS:

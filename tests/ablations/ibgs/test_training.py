@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from ablations.ibgs.method import IBGS, WEIGHTS, ResidualEnhancer
+from ablations.ibgs.method import IBGS, ResidualEnhancer
 from ablations.ibgs.network import IBGSResidual
 from ablations.ibgs.sources import SourceChoice
 from ablations.ibgs.training import (
@@ -21,6 +21,7 @@ from ablations.ibgs.training import (
     training_views,
 )
 from gaussian_enhancer.align.references import ReferencePool, read_target
+from gaussian_enhancer.checkpoint import WEIGHTS
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.renders import read_run
 

@@ -16,14 +16,13 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import atomic_write, save_array
 from gaussian_enhancer.scene.cameras import write_scene_cameras
 from gaussian_enhancer.scene.image_files import write_image
+from gaussian_enhancer.scene.renders import WHITE
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.io.ply import write_ply
 from gaussian_enhancer.splat.methods import Method
 from gaussian_enhancer.splat.near import near_plane
 from gaussian_enhancer.splat.render import render
 from gaussian_enhancer.types import Gaussians, Render
-
-WHITE = (1.0, 1.0, 1.0)
 
 
 @torch.no_grad()
