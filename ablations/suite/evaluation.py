@@ -123,10 +123,7 @@ def _enhanced_folder(
         sources: runs by job; the run of the job enhance is added.
         **job_options: further options of the job, for instance ``run``.
     """
-    overrides = tuple(method_settings.get("enhance") or ())
-    states_plan = any(word.startswith("plan=") for word in overrides)
-    # Networks are compared without a reduced plan.
-    job = compose_checked("enhance", cfg, overrides if states_plan else ("plan=full", *overrides))
+    job = compose_checked("enhance", cfg, with_plan(tuple(method_settings.get("enhance") or ())))
     with open_dict(job):
         job.update({"weights": method_weights(cfg, method_settings), **job_options})
     folder = enhance_run(job)
@@ -214,6 +211,11 @@ def measure_now(cfg: DictConfig, label: Label, images: MethodImages) -> tuple[Re
     distances = requested_distances(cfg.lpips, cfg.backbones, device)
     files = pair_folders(images.folder, images.photos, label)[:: images.every]
     return tuple(measure_files(files, distances))
+
+
+def with_plan(overrides: tuple[str, ...]) -> tuple[str, ...]:
+    """Overrides of the job enhance, with the full plan unless they name one: whole networks are compared."""
+    return overrides if any(word.startswith("plan=") for word in overrides) else ("plan=full", *overrides)
 
 
 def compose_checked(name: str, cfg: DictConfig, overrides: Iterable[str]) -> DictConfig:

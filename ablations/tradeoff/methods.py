@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ablations.study.description import MethodDescription, TableDescription
 from ablations.suite.descriptions import Experiment
-from ablations.suite.evaluation import compose_checked
+from ablations.suite.evaluation import compose_checked, with_plan
 from ablations.suite.method_runs import Runs
 from ablations.tradeoff.settings import NULL_NETWORKS, Setting
 from gaussian_enhancer.align.alignment import Unwarped
@@ -86,8 +86,7 @@ class SettingLoader:
         Raises:
             InputError: the setting's overrides are invalid, or its weights cannot be used.
         """
-        states_plan = any(word.startswith("plan=") for word in setting.enhance)
-        job = compose_checked("enhance", self.cfg, setting.enhance if states_plan else ("plan=full", *setting.enhance))
+        job = compose_checked("enhance", self.cfg, with_plan(setting.enhance))
         with open_dict(job):
             job.update({"weights": weights, "run": str(run)})
         enhancer, *_ = load_enhancement(job, self.device)
