@@ -49,7 +49,10 @@ def studies(cfg: DictConfig, device: torch.device) -> list[Study[str]]:
     """
     if cfg.kind not in (*KINDS, "all"):
         raise InputError("kind", f"is {cfg.kind!r}", f"choose {', '.join(KINDS)} or all")
-    limits = TradeoffLimits(decibels(cfg.tradeoff.within), milliseconds(cfg.tradeoff.budget_ms))
+    limits = TradeoffLimits(
+        _number("tradeoff.within", cfg.tradeoff.within, "dB", "0.1dB"),
+        _number("tradeoff.budget_ms", cfg.tradeoff.budget_ms, "ms", "33"),
+    )
     compared = read_studies(cfg)
     measure_kind = partial(measure, cfg, compared, device)
     kinds = () if cfg.records_only else KINDS if cfg.kind == "all" else (cfg.kind,)
@@ -137,25 +140,8 @@ def choose_presets(studies: Sequence[TradeoffStudy], records: Iterable[Record]) 
     return tuple(preset for preset in presets if preset.name in front)
 
 
-def decibels(value: str | float | int) -> float:
-    """Parse decibels, given as a number or with the unit.
-
-    Raises:
-        InputError: it is neither, or negative.
-    """
-    return _number("tradeoff.within", value, "dB", "0.1dB")
-
-
-def milliseconds(value: str | float | int) -> float:
-    """Parse milliseconds, given as a number or with the unit.
-
-    Raises:
-        InputError: it is neither, or negative.
-    """
-    return _number("tradeoff.budget_ms", value, "ms", "33")
-
-
 def _number(name: str, text: str | float | int, unit: str, example: str) -> float:
+    """Parse a number, given with or without its unit; anything else and negative numbers are refused."""
     try:
         value = float(str(text).removesuffix(unit))
     except ValueError:

@@ -44,7 +44,7 @@ def load_candidates(candidates: Sequence[str]) -> dict[str, Pretrained]:
 
 
 def load_enhancers(candidates: Sequence[str], device: torch.device | None = None) -> dict[str, SetEnhancer]:
-    """Each candidate as the job enhance would use it; see `loaded` for what is refused."""
+    """Each candidate as the job enhance would use it; see `load_candidates` for what is refused."""
     return {
         name: EnhancementOptions().enhancer(pretrained, pretrained.reference_config, device)
         for name, pretrained in load_candidates(candidates).items()

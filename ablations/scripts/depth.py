@@ -176,11 +176,10 @@ def reference_quality(
     aligned: AlignedReferences, render: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]
 ) -> dict[str, float | None]:
     """PSNR of the first reference where it is visible, PSNR of the render on these pixels, and their share."""
-    if not len(aligned.references):
+    visible = aligned.visibility[:1] > 0.5  # empty without references
+    if not bool(visible.any()):
         return {"reference_psnr": None, "render_psnr_there": None, "reference_visible": 0.0}
-    mask = (aligned.visibility[0] > 0.5).float()
-    if not bool(mask.any()):
-        return {"reference_psnr": None, "render_psnr_there": None, "reference_visible": 0.0}
+    mask = visible[0].float()
     return {
         "reference_psnr": psnr(aligned.references[0], photo, mask),
         "render_psnr_there": psnr(render, photo, mask),
