@@ -34,6 +34,8 @@ WINDOW = "--window-size=1280,800"
 STATUS = re.compile(r"(\d+) ms \([^)]*\), (\d+) × (\d+), frame (\d+)")
 WAIT = 120.0
 """Seconds within which a picture must come."""
+STILL = 5.0
+"""Seconds after which an unchanged picture counts as final."""
 STEP = 3
 """Pixels by which the pointer moves at a time."""
 
@@ -115,14 +117,14 @@ def parse_status(text: str) -> tuple[int, int, int, int] | None:
     return None if match is None else tuple(map(int, match.groups()))  # type: ignore[return-value]
 
 
-def wait_until_idle(driver: Any, seconds: float = 5.0) -> None:
-    """Wait until the page's picture has not changed for some seconds.
+def wait_until_idle(driver: Any) -> None:
+    """Wait until the page's picture has not changed for `STILL` seconds.
 
     Raises:
         InputError: the picture keeps changing, or there is none.
     """
     began, shown, since = time.monotonic(), None, time.monotonic()
-    while shown is None or time.monotonic() - since < seconds:
+    while shown is None or time.monotonic() - since < STILL:
         if time.monotonic() - began > WAIT:
             raise InputError("the page", f"shows no still picture after {WAIT:.0f} s", "choose a smaller width")
         current = status(driver)

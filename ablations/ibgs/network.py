@@ -3,7 +3,6 @@
 Axes: b batch, m source views, c channels, h height, w width.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -61,15 +60,12 @@ class IBGSResidual(nn.Module):
     The MLP is applied to each source view of each pixel; its features are pooled over the visible ones by mean,
     variance and maximum. At initialisation, the residual is 0. We chose the sizes such that the network has about the
     published 66,000 parameters.
-
-    Args:
-        features: of the MLP.
-        widths: channels of the hourglass at the full, half and quarter resolution.
     """
 
-    def __init__(self, features: int = 32, widths: Sequence[int] = (16, 32, 32)) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        full, half, quarter = widths
+        features = 32  # of the MLP
+        full, half, quarter = 16, 32, 32  # channels of the hourglass by resolution
         self.encode = nn.Sequential(
             nn.Conv2d(3 + CAMERA_FEATURES, features, 1),
             nn.ReLU(),

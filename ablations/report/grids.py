@@ -21,6 +21,8 @@ Box = tuple[float, float, float, float]
 """Left, top, right and bottom, as shares of width and height."""
 
 Picture = Image.Image
+SHARE, STEPS = 1 / 3, 9
+"""Side of a crop as a share of the image's side, and its tried positions per axis."""
 GAP, LINE = 8, 20
 PAPER, INK, FRAME, NONE = (255, 255, 255), (30, 30, 30), (220, 30, 30), (225, 225, 225)
 
@@ -30,7 +32,6 @@ def write_grid(
     table: TableDescription,
     images: Mapping[tuple[str, str], Path],
     height: int = 192,
-    share: float = 1 / 3,
     boxes: Mapping[str, Box] | None = None,
 ) -> Path:
     """Write a grid of labelled crops as PNG, atomically.
@@ -44,7 +45,6 @@ def write_grid(
         table: its methods are the columns, in its order; the scenes of its datasets come first, in their order.
         images: image files by scene and method, the photo under `PHOTO`.
         height: of a crop in the grid, pixels.
-        share: side of the crop as a share of the image's side.
         boxes: crops by scene, for scenes that shall not show the largest error.
 
     Returns:
@@ -62,25 +62,23 @@ def write_grid(
     dataset_scenes = [scene for dataset in table.datasets.values() for scene in dataset.scenes]
     scenes = list(dict.fromkeys([*dataset_scenes, *(scene for scene, _ in images)]))
     given_boxes = boxes or {}
-    lines = [_line(scene, table.baseline, columns, images, height, share, given_boxes.get(scene)) for scene in scenes]
+    lines = [_line(scene, table.baseline, columns, images, height, given_boxes.get(scene)) for scene in scenes]
     with atomic_write(path) as temporary:
         _assemble_grid(lines, scenes, ["view", *columns.values()]).save(temporary, "PNG")
     return path
 
 
-def crop_box(render: Picture, photo: Picture, share: float = 1 / 3, steps: int = 9) -> Box:
-    """The box where a render differs most from its photo, of ``steps`` x ``steps`` evenly spaced boxes.
+def crop_box(render: Picture, photo: Picture) -> Box:
+    """The box where a render differs most from its photo, of `STEPS` x `STEPS` evenly spaced boxes.
 
     Args:
         render: the render.
         photo: the ground truth; resized to the render's size.
-        share: side of the box as a share of the image's side.
-        steps: positions per axis.
     """
     resized_photo = photo if photo.size == render.size else photo.resize(render.size, Image.Resampling.BOX)
     difference = ImageChops.difference(render, resized_photo)
-    starts = [(1 - share) * step / (steps - 1) for step in range(steps)]
-    boxes = [(left, top, left + share, top + share) for top in starts for left in starts]
+    starts = [(1 - SHARE) * step / (STEPS - 1) for step in range(STEPS)]
+    boxes = [(left, top, left + SHARE, top + SHARE) for top in starts for left in starts]
     return max(boxes, key=lambda box: sum(ImageStat.Stat(difference.crop(_pixels(box, render))).mean))
 
 
@@ -90,14 +88,13 @@ def _line(
     columns: Mapping[str, str],
     images: Mapping[tuple[str, str], Path],
     height: int,
-    share: float,
     requested_box: Box | None,
 ) -> list[Picture]:
     """A scene's tiles: the whole view with a frame, then the crop of every column."""
     pictures = {method: _read(images[scene, method]) for method in columns if (scene, method) in images}
     photo, baseline_image = pictures.get(PHOTO), pictures.get(baseline)
-    middle = ((1 - share) / 2, (1 - share) / 2, (1 + share) / 2, (1 + share) / 2)
-    default_box = crop_box(baseline_image, photo, share) if photo is not None and baseline_image is not None else middle
+    middle = ((1 - SHARE) / 2, (1 - SHARE) / 2, (1 + SHARE) / 2, (1 + SHARE) / 2)
+    default_box = crop_box(baseline_image, photo) if photo is not None and baseline_image is not None else middle
     box = default_box if requested_box is None else requested_box
     overview = photo if photo is not None else next(iter(pictures.values()), None)
     width = height if overview is None else max(1, round(height * overview.width / overview.height))

@@ -15,9 +15,11 @@ from gaussian_enhancer.align.reproject import reproject
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import Camera, quantise_8_bit
 
+TOLERANCE = 0.02
+"""Standard deviation of the relative depth difference of one surface."""
 PROTOCOL = (
     "8-bit images; the next frame read bilinearly through this frame's rendered depth; pixels weighed by visibility, "
-    "relative depth difference of one standard deviation 0.02"
+    f"relative depth difference of one standard deviation {TOLERANCE}"
 )
 """Protocol of all records of consistency."""
 
@@ -62,7 +64,6 @@ def warped_error(
     geometry: FrameGeometry,
     other: Float[Tensor, "3 h w"],
     other_geometry: FrameGeometry,
-    tolerance: float = 0.02,
 ) -> WarpedError:
     """Warp another frame onto this one through this frame's depth, and compare them where both show the same surface.
 
@@ -78,14 +79,13 @@ def warped_error(
         geometry: its camera and geometry.
         other: the other frame, [0, 1]; quantised likewise.
         other_geometry: its camera and geometry.
-        tolerance: standard deviation of the relative depth difference of one surface.
 
     Raises:
         InputError: an image, its depth and its camera differ in size.
     """
     for frame, frame_geometry in ((image, geometry), (other, other_geometry)):
         _same_size(frame, frame_geometry)
-    depth_test = other_geometry.depth, geometry.alpha, tolerance
+    depth_test = other_geometry.depth, geometry.alpha, TOLERANCE
     warped = reproject(geometry.camera, geometry.depth, other_geometry.camera, quantise_8_bit(other), *depth_test)
     weight = warped.visibility.double()
     total = float(weight.sum())
@@ -98,14 +98,13 @@ def warped_error(
 
 
 def sequence_errors(
-    images: Sequence[Float[Tensor, "3 h w"]], geometries: Sequence[FrameGeometry], tolerance: float = 0.02
+    images: Sequence[Float[Tensor, "3 h w"]], geometries: Sequence[FrameGeometry]
 ) -> tuple[WarpedError, ...]:
     """The `warped_error` of every frame with the next one warped onto it.
 
     Args:
         images: frames along a path.
         geometries: camera and geometry of each frame.
-        tolerance: as in `warped_error`.
 
     Raises:
         InputError: counts differ, or there are fewer than two frames.
@@ -115,7 +114,7 @@ def sequence_errors(
     if len(images) < 2:
         raise InputError("frames", f"are {len(images)}", "give at least two to compare")
     neighbours = itertools.pairwise(zip(images, geometries, strict=True))
-    return tuple(warped_error(*frame, *next_frame, tolerance) for frame, next_frame in neighbours)
+    return tuple(warped_error(*frame, *next_frame) for frame, next_frame in neighbours)
 
 
 def _same_size(image: Tensor, geometry: FrameGeometry) -> None:

@@ -29,6 +29,9 @@ MIN_UNITS = 6
 DRAWS = 4999
 """Resamples of a bootstrap."""
 
+LEVEL = 0.95
+"""Share of intervals that shall contain the true mean."""
+
 
 @dataclass(frozen=True)
 class Spread:
@@ -94,8 +97,8 @@ def spread_over_scenes_and_seeds(gains: ScoreSample) -> Spread:
     return _spread(runs, {f"{pair[0]}, {_run(seed)}": reason for (pair, seed), reason in gains.missing.items()})
 
 
-def interval(sample: ScoreSample, level: float = 0.95) -> tuple[float, float]:
-    """Bootstrap interval of the sample's mean: BCa, `scipy.stats.bootstrap`.
+def interval(sample: ScoreSample) -> tuple[float, float]:
+    """95% bootstrap interval of the sample's mean: BCa, `scipy.stats.bootstrap`.
 
     With at least `MIN_UNITS` scenes, scenes are resampled, each with all its splats, seeds and views. With fewer, the
     scenes are fixed and the views of each scene are resampled, each with all its splats and seeds: values that share a
@@ -111,7 +114,6 @@ def interval(sample: ScoreSample, level: float = 0.95) -> tuple[float, float]:
 
     Args:
         sample: values of a table's cell.
-        level: share of intervals that shall contain the true mean.
 
     Returns:
         Lower and upper end; NaN for too few units.
@@ -119,7 +121,7 @@ def interval(sample: ScoreSample, level: float = 0.95) -> tuple[float, float]:
     scenes = _scene_matrices(sample)
     if len(scenes) >= MIN_UNITS:
         totals = np.array([[np.nanmean(values, axis=1).sum(), len(values)] for values in scenes])
-        return _bca([np.arange(len(scenes))], lambda drawn: totals[drawn[0]], level)
+        return _bca([np.arange(len(scenes))], lambda drawn: totals[drawn[0]])
     if not scenes or any(values.shape[1] < 2 for values in scenes):
         return math.nan, math.nan
     if sum(values.shape[1] - 1 for values in scenes) < MIN_UNITS - 1:
@@ -132,10 +134,10 @@ def interval(sample: ScoreSample, level: float = 0.95) -> tuple[float, float]:
         stacked = np.concatenate(by_pair)
         return np.stack([np.nansum(stacked, axis=0), np.isfinite(stacked).sum(axis=0)], axis=-1)[..., None, :]
 
-    return _bca([np.arange(values.shape[1]) for values in scenes], means, level)
+    return _bca([np.arange(values.shape[1]) for values in scenes], means)
 
 
-def _bca(units: list[ndarray], totals: Callable[[Sequence[ndarray]], ndarray], level: float) -> tuple[float, float]:
+def _bca(units: list[ndarray], totals: Callable[[Sequence[ndarray]], ndarray]) -> tuple[float, float]:
     """BCa interval of a weighted mean over units; ``totals`` returns (..., drawn unit, [sum, weight])."""
 
     def mean(*drawn: ndarray, axis: int = -1) -> ndarray | np.floating:
@@ -144,7 +146,7 @@ def _bca(units: list[ndarray], totals: Callable[[Sequence[ndarray]], ndarray], l
 
     counts = [len(indices) for indices in units]
     size, freedom = len(counts) / sum(1 / count for count in counts), sum(counts) - len(counts)
-    tail = stats.norm.cdf(math.sqrt(size / (size - 1)) * stats.t.ppf((1 - level) / 2, freedom))
+    tail = stats.norm.cdf(math.sqrt(size / (size - 1)) * stats.t.ppf((1 - LEVEL) / 2, freedom))
     value, options = float(mean(*units)), {"n_resamples": DRAWS, "confidence_level": 1 - 2 * float(tail), "axis": -1}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", stats.DegenerateDataWarning)
