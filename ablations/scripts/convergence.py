@@ -21,7 +21,7 @@ from torch import Tensor
 from ablations.ibgs.method import IBGS
 from ablations.scripts.before_after import DESCRIPTION, Compared, harmed_block, strip, worst_block, write_picture
 from ablations.study.engine import Study, job
-from ablations.study.enhanced_views import ComparedView, enhanced_views
+from ablations.study.enhanced_views import MeasuredView, enhanced_views
 from ablations.study.fits import finished_fits, fits_by_scene, scene_of
 from ablations.study.markdown import markdown
 from ablations.study.methods import FixedMethod, Method, TwoFits, average
@@ -204,7 +204,7 @@ def extreme_views(methods: Mapping[str, Method], fit: Path) -> Iterator[tuple[st
         yield f"{scene}_{word}", strip(shown, crop(shown)), text
 
 
-def _gain(view: ComparedView, method: str) -> float:
+def _gain(view: MeasuredView, method: str) -> float:
     return view.gains(method)["psnr_aligned"]
 
 

@@ -44,7 +44,7 @@ class MethodResult:
 
 
 @dataclass(frozen=True)
-class ComparedView:
+class MeasuredView:
     """A held-out view with the results of several methods.
 
     Args:
@@ -73,7 +73,7 @@ def enhanced_views(
     enhancers: Mapping[str, SetEnhancer | ViewMethod],
     distances: Sequence[PerceptualDistance] = (),
     every: int = 1,
-) -> Iterator[ComparedView]:
+) -> Iterator[MeasuredView]:
     """Enhance and measure the targets of a set. Methods with equal reference configurations share aligned references.
 
     Args:
@@ -104,4 +104,4 @@ def enhanced_views(
                 aligned_by_config.append((config, aligned))
             image = enhancer.enhance(build_network_input(target, aligned))[0]
             results[name] = MethodResult(image, aligned, measure_pair(image, photo, distances))
-        yield ComparedView(view, target.image, photo, measure_pair(target.image, photo, distances), results)
+        yield MeasuredView(view, target.image, photo, measure_pair(target.image, photo, distances), results)

@@ -40,7 +40,7 @@ def escape_markdown(text: str) -> str:
     return " ".join(text.replace("<", "&lt;").replace("*", r"\*").split())
 
 
-def format_gain(metric: str, gain: float, low: float, high: float) -> str:
+def format_gain_with_interval(metric: str, gain: float, low: float, high: float) -> str:
     """Format a gain with its interval, if it has one."""
     ends = [format_value(metric, end, signed=True) for end in (low, high)]
     return format_value(metric, gain, signed=True) + (f" [{', '.join(ends)}]" if all(ends) else "")

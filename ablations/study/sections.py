@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from ablations.study.aims import VERDICTS, Aims, methods_of_role, pairs_of, ranked_losses, verdicts
-from ablations.study.markdown import format_gain, frame
+from ablations.study.markdown import format_gain_with_interval, frame
 from ablations.study.results import Results
 from ablations.study.sample import SceneSplat
 from ablations.study.statistics import interval
@@ -154,7 +154,7 @@ def _mean_and_gain(results: Results, pairs: Sequence[SceneSplat], method: str, m
         return value
     gains = results.sample(pairs, method, metric, results.study.baseline)
     low, high = interval(gains) if with_interval else (math.nan, math.nan)
-    return f"{value} ({format_gain(metric, gains.mean(), low, high)})"
+    return f"{value} ({format_gain_with_interval(metric, gains.mean(), low, high)})"
 
 
 def _frames(results: Results, method: str) -> int:
