@@ -62,21 +62,14 @@ def _reported(source: Path, page: Path) -> float:
     all_records = read_records(source)
     cells = [record for record in all_records if record.kind == KIND]
     cells.sort(key=lambda record: order.get(record.scene, len(order)))
-    records = [*cells, *(record for record in all_records if record.kind != KIND)]
+    others = [record for record in all_records if record.kind != KIND]
     if not cells:
         raise InputError("records", "contain no cell of the matrix", "run gaussian-enhancer stability")
-    _write(page, source, records, cases)
+    figures = {"matrix": matrix_plot(cells), **({"order": order_plot(others)} if others else {})}
+    for name, figure in figures.items():
+        write_text(page.with_suffix("") / f"{name}.svg", figure)
+    links = {name: f"{page.stem}/{name}.svg" for name in figures}
+    write_text(page, stability_page([*cells, *others], cases, links, relative_link(source, page)))
     failed = sum(record.variant == FAILED for record in cells)
     print_line(Console(stderr=True), f"{page}, {source}: {failed} cells have failed")
     return float(failed)
-
-
-def _write(page: Path, source: Path, records: Sequence[Record], cases: Sequence[Case]) -> None:
-    folder = page.with_suffix("")
-    cells = [record for record in records if record.kind == KIND]
-    order = [record for record in records if record.kind != KIND]
-    figures = {"matrix": matrix_plot(cells), **({"order": order_plot(order)} if order else {})}
-    for name, figure in figures.items():
-        write_text(folder / f"{name}.svg", figure)
-    links = {name: f"{folder.name}/{name}.svg" for name in figures}
-    write_text(page, stability_page(records, cases, links, relative_link(source, page)))

@@ -289,8 +289,13 @@ def _networks(sources: PageRecords) -> str:
     return f"{text}\n{missing_section(missing)}" if missing else text
 
 
+def _known(record: Record) -> dict[str, float]:
+    """The metrics that were measured."""
+    return {name: value for name, value in record.metrics.items() if value is not None}
+
+
 def _network_line(record: Record, rates: Mapping[str, float]) -> tuple[str, ...]:
-    values = {name: value for name, value in record.metrics.items() if value is not None}
+    values = _known(record)
     rate = rates["convolution, float32" if record.splat == "float32" else "convolution, bfloat16"]
     return (
         f"`{record.variant}`" if record.scene == GROUPS[0] else record.variant,
@@ -329,7 +334,7 @@ def _pipelines(sources: PageRecords) -> str:
              "peak MB")  # fmt: skip
     lines = []
     for record in records:
-        values = {name: value for name, value in record.metrics.items() if value is not None}
+        values = _known(record)
         width, height = record.size
         lines.append((
             f"`{record.variant}`", f"{width}x{height}", f"{width * height * values['scale'] ** 2 / 1e6:.2f}",
@@ -411,7 +416,7 @@ def _tried(sources: PageRecords) -> str:
 
 def _tried_lines(records: Sequence[Record]) -> Iterator[Sequence[str]]:
     for record in records:
-        values = {name: value for name, value in record.metrics.items() if value is not None}
+        values = _known(record)
         before, after = (f"{number(values[name])} ms" for name in ("before", "after"))
         yield record.variant, record.view, before, after, _with_interval(values, "times"), record.splat
 

@@ -121,8 +121,7 @@ def _panel(axis: Any, panel: Panel, names: Sequence[str], lines: dict[str, Any])
         axis.step([*x, axis.get_xlim()[1]], [*y, y[-1]], where="post", color="black", alpha=0.18, linewidth=5, zorder=0)
         axis.plot(x, y, linestyle="", marker="o", markersize=11, markerfacecolor="none", color="black")
         _name_points(axis, front_points)
-    for axis_side, values in ((axis.xaxis, axis.get_xlim()), (axis.yaxis, axis.get_ylim())):
-        _round_ticks(axis_side, *values)
+    _round_ticks(axis)
 
 
 def _name_points(axis: Any, points: Sequence[Point]) -> None:
@@ -137,17 +136,18 @@ def _name_points(axis: Any, points: Sequence[Point]) -> None:
             named.append((x, y))
 
 
-def _round_ticks(axis: Any, low: float, high: float) -> None:
-    """Set ticks at 1, 2 and 5 times powers of ten, or at round steps if the axis spans less than a decade.
+def _round_ticks(axes: Any) -> None:
+    """Set ticks at 1, 2 and 5 times powers of ten, or at round steps where an axis spans less than a decade.
 
     Over more than about 2.5 decades (a ratio of 300), ticks are at powers of ten alone.
     """
     from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
-    subs = (1, 2, 5) if high < 300 * low else (1,)
-    axis.set_major_locator(MaxNLocator(5) if high < 10 * low else LogLocator(subs=subs, numticks=9))
-    axis.set_minor_locator(NullLocator())
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+        subs = (1, 2, 5) if high < 300 * low else (1,)
+        axis.set_major_locator(MaxNLocator(5) if high < 10 * low else LogLocator(subs=subs, numticks=9))
+        axis.set_minor_locator(NullLocator())
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 
 def front_of_curves(curves: Mapping[str, Sequence[Mark]], baseline_error: float | None) -> tuple[Point, ...]:
@@ -230,8 +230,7 @@ def convergence(title: str, curves: Mapping[str, Sequence[tuple[float, float]]],
         if steps:
             top = max(y for points in curves.values() for _, y in points)
             axis.plot(steps, [top * steps[0] / x for x in steps], "--", color="grey", label="order 1")
-        for axis_side, values in ((axis.xaxis, axis.get_xlim()), (axis.yaxis, axis.get_ylim())):
-            _round_ticks(axis_side, *values)
+        _round_ticks(axis)
         figure.legend(loc="outside right upper")
         return _svg(figure, title)
 

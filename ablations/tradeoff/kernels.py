@@ -29,6 +29,7 @@ from gaussian_enhancer.degrade.generative.factors import Factors, grid_size
 from gaussian_enhancer.degrade.generative.weights import load_model
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.network.deform import deformable_sample
+from gaussian_enhancer.types import quantise_8_bit
 
 Cases = Iterator[tuple[str, Callable[[], Tensor], Mapping[str, Callable[[], Tensor]]]]
 
@@ -198,7 +199,7 @@ def networks(device: torch.device) -> Cases:
     views = plane(*SIZE)
     target = read_target(views.targets[0])
     aligned = pretrained.reference_config.align(target, views.targets[0], ReferencePool(views.references))
-    inputs = build_network_input(replace(target, image=(target.image * 255).round() / 255), aligned).to(device)
+    inputs = build_network_input(replace(target, image=quantise_8_bit(target.image)), aligned).to(device)
     precise, exact = copy.deepcopy(network).double(), inputs.to(torch.float64)
 
     def enhanced(dtype: torch.dtype) -> Tensor:
