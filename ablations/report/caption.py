@@ -1,12 +1,12 @@
 """Texts above and below a table: caption with stand-ins and machine, how to read the table, sources of its numbers."""
 
-import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
 from ablations.study.description import TableDescription
 from ablations.study.sections import distinct_values
 from ablations.study.statistics import MIN_UNITS
+from gaussian_enhancer.files import file_digest
 from gaussian_enhancer.metrics.records import MISSING, Record
 
 KINDS = {
@@ -94,7 +94,7 @@ def sources(folder: Path, table: TableDescription, records: Sequence[Record]) ->
     """
     times = sorted(record.time for record in records)
     path = folder / f"{table.name}.jsonl"
-    digest = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "no file of records beside this one"
+    digest = file_digest(path) if path.is_file() else "no file of records beside this one"
     lines = {
         "protocol": "; ".join(distinct_values(record.protocol for record in records)),
         "commits": ", ".join(distinct_values(record.commit for record in records)),

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import atomic_write
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.records import HIGHER_IS_BETTER
 
 Kind = Literal["quality", "repeats", "cost", "images"]
@@ -122,8 +122,7 @@ def write_description(path: str | Path, table: TableDescription) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    with atomic_write(path) as temporary:
-        temporary.write_text(json.dumps(dataclasses.asdict(table), indent=1, ensure_ascii=False) + "\n", "utf-8")
+    write_text(path, json.dumps(dataclasses.asdict(table), indent=1, ensure_ascii=False) + "\n")
 
 
 def read_description(path: str | Path) -> TableDescription:

@@ -10,6 +10,7 @@ from omegaconf import DictConfig
 
 from ablations.suite.inputs import FIT_STEPS, published_fit_minutes
 from gaussian_enhancer.input_files import read_configuration
+from gaussian_enhancer.runs.status import DONE
 
 VIEWS = 9
 """Assumed number of measured views of a cell, if its fit does not exist yet."""
@@ -78,27 +79,27 @@ def _medians(entries: Iterator[tuple[str, float]]) -> dict[str, float]:
 
 
 def _finished_fits(runs: Path) -> Iterator[tuple[str, float]]:
-    for marker in sorted((runs / "fit").glob("*/done")):
-        cfg, file = _config(marker.parent), marker.parent / "records.jsonl"
-        if cfg and file.is_file():
-            last_record = json.loads(file.read_text(encoding="utf-8").rstrip("\n").split("\n")[-1])
-            milliseconds = last_record["metrics"]["milliseconds"]
-            if milliseconds is not None:  # unknown for fits that were interrupted
-                yield _fit_kind(cfg), milliseconds / 60e3 / cfg["settings"]["steps"]
+    for cfg, file in _finished_runs(runs / "fit", "records.jsonl"):
+        last_record = json.loads(file.read_text(encoding="utf-8").rstrip("\n").split("\n")[-1])
+        milliseconds = last_record["metrics"]["milliseconds"]
+        if milliseconds is not None:  # unknown for fits that were interrupted
+            yield _fit_kind(cfg), milliseconds / 60e3 / cfg["settings"]["steps"]
 
 
 def _finished_trainings(runs: Path) -> Iterator[tuple[str, float]]:
-    for marker in sorted((runs / "train").glob("*/done")):
-        cfg, file = _config(marker.parent), marker.parent / "card.json"
-        if cfg and file.is_file() and "loading" in cfg["data"]:  # absent from runs of earlier versions
+    for cfg, file in _finished_runs(runs / "train", "card.json"):
+        if "loading" in cfg["data"]:  # absent from runs of earlier versions
             card = json.loads(file.read_text(encoding="utf-8"))
             if card["minutes"] is not None:  # unknown for trainings that were interrupted
                 yield _training_kind(cfg), card["minutes"] / max(1, card["steps"])
 
 
-def _config(folder: Path) -> dict[str, Any] | None:
-    file = folder / "config.yaml"
-    return read_configuration(file) if file.is_file() else None
+def _finished_runs(folder: Path, name: str) -> Iterator[tuple[dict[str, Any], Path]]:
+    """Configuration and file ``name`` of each finished run that has both."""
+    for marker in sorted(folder.glob(f"*/{DONE}")):
+        config, file = marker.with_name("config.yaml"), marker.with_name(name)
+        if config.is_file() and (cfg := read_configuration(config)) and file.is_file():
+            yield cfg, file
 
 
 def _fit_kind(cfg: Mapping[str, Any]) -> str:

@@ -1,12 +1,12 @@
 """Reads a folder of the suite's results: descriptions with their records, each record with its checksum."""
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from ablations.study.description import TableDescription, read_description
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import file_digest
 from gaussian_enhancer.metrics.records import Record, read_checked
 
 KINDS = ("table", "figure")
@@ -67,7 +67,7 @@ def _read_table(path: Path) -> TableRecords:
         return TableRecords(table, absent="no records yet: make the table")
     checked = read_checked(source)
     checksums, records = tuple(checksum for checksum, _ in checked), tuple(record for _, record in checked)
-    return TableRecords(table, records, checksums, hashlib.sha256(source.read_bytes()).hexdigest())
+    return TableRecords(table, records, checksums, file_digest(source))
 
 
 def _number(name: str) -> tuple[int, str, int]:
