@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from ablations.study.aims import VERDICTS, improvement_sign, ranked_losses
+from ablations.study.aims import VERDICTS, improvement_sign, pairs_of, ranked_losses
 from ablations.study.description import MethodDescription, SceneGroup, TableDescription
 from ablations.study.gains import METRICS
 from ablations.study.markdown import frame, markdown
@@ -125,7 +125,7 @@ class PlanScenes:
             baseline_record = self.scene_records.get((scene, self.aims.baseline))
             if name != plan or baseline_record is None:
                 continue
-            pairs = tuple(pair for pair in self.results.pairs if pair[0] == scene)
+            pairs = pairs_of(self.results, scene)
             gains = {metric: self.results.sample(pairs, plan, metric, self.aims.baseline) for metric in METRICS}
             mean_losses = {
                 metric: -improvement_sign(metric) * sample.mean() + 0.0

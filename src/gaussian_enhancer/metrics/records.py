@@ -123,9 +123,18 @@ def read_checked(path: str | Path) -> tuple[tuple[str, Record], ...]:
 
 def record_line(record: Record) -> str:
     """Serialise a record as one line of JSON with a checksum of its other fields."""
-    values = _jsonable(dataclasses.asdict(record))
+    values = stringify_non_finite(dataclasses.asdict(record))
     values = {name: value for name, value in values.items() if name not in LATER_FIELDS or value != LATER_FIELDS[name]}
     return json.dumps({**values, "sha256": _checksum(values)}, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def stringify_non_finite(value: Any) -> Any:
+    """Convert non-finite numbers in a plain value, which JSON does not have, to strings that ``float`` parses."""
+    if isinstance(value, dict):
+        return {str(key): stringify_non_finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [stringify_non_finite(item) for item in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def parse_record(place: str, line: str) -> Record:
@@ -156,17 +165,6 @@ def _verified_record(place: str, line: str) -> tuple[str, Record]:
         raise InputError(place, "was changed or damaged (its checksum differs)", remedy)
     metrics = {name: None if value is None else float(value) for name, value in values["metrics"].items()}
     return stated_checksum, Record(**{**values, "metrics": metrics, "size": tuple(values["size"])})
-
-
-def _jsonable(value: Any) -> Any:
-    """Convert non-finite numbers, which JSON does not have, to strings that ``float`` parses."""
-    if isinstance(value, dict):
-        return {key: _jsonable(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_jsonable(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
-    return value
 
 
 def _checksum(values: dict[str, Any]) -> str:

@@ -1,12 +1,13 @@
 """Rendering of pages with Jinja2. All values are escaped, and an undefined name is an error."""
 
 import json
-import math
 from functools import cache
 from importlib.resources import files
 from typing import Any
 
 from markupsafe import Markup
+
+from gaussian_enhancer.metrics.records import stringify_non_finite
 
 PACKAGE = "gaussian_enhancer.report"
 
@@ -51,7 +52,7 @@ def resource(name: str, package: str = PACKAGE) -> Markup:
 
 def json_block(value: Any) -> Markup:
     """JSON for a script element: characters that could end it are escaped, and non-finite numbers become text."""
-    text = json.dumps(_stringify_non_finite(value), ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    text = json.dumps(stringify_non_finite(value), ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
 
 
@@ -59,13 +60,3 @@ def _replace_illegal_characters(value: Any) -> Any:
     if isinstance(value, Markup) or not isinstance(value, str):
         return value
     return "".join(c if c in "\t\n\r" or (ord(c) >= 32 and not 0xD800 <= ord(c) <= 0xDFFF) else "\ufffd" for c in value)
-
-
-def _stringify_non_finite(value: Any) -> Any:
-    if isinstance(value, float) and not math.isfinite(value):
-        return repr(value)
-    if isinstance(value, dict):
-        return {str(key): _stringify_non_finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_stringify_non_finite(item) for item in value]
-    return value
