@@ -2,7 +2,6 @@ import dataclasses
 
 import pytest
 import torch
-from test_sif import small
 
 from ablations.scripts import depth as depth_study
 from ablations.scripts.depth import (
@@ -28,6 +27,7 @@ from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.types import identity_camera
+from support.networks import small_sif
 
 
 def wrong_by(factor: float, view: RenderedView) -> RenderedView:
@@ -51,7 +51,7 @@ def misplaced(plane_run) -> tuple[RenderedSet, dict[str, dict[str, torch.Tensor]
 
 def test_the_better_the_depth_the_better_the_references(misplaced):
     rendered, depths = misplaced
-    found = list(measure_run(rendered, SetEnhancer(small(), ReferenceConfig(), precision="float32"), depths))
+    found = list(measure_run(rendered, SetEnhancer(small_sif(), ReferenceConfig(), precision="float32"), depths))
     assert [variant for _, variant, _, _ in found] == ["raw", *ROWS] * len(rendered.targets)
     by = {kind: [m for _, variant, m, _ in found if variant == kind] for kind in ("raw", *ROWS)}
     for raw, expected, searched, _, _, surface, *_, exact in zip(*by.values(), strict=True):
@@ -148,7 +148,9 @@ def test_table_states_gains_over_the_raw_render(misplaced):
     rendered, depths = misplaced
     records = [
         Record("depth", "plane", "plane", "ours_100", view.name, variant, metrics, reasons)
-        for view, variant, metrics, reasons in measure_run(rendered, SetEnhancer(small(), ReferenceConfig()), depths)
+        for view, variant, metrics, reasons in measure_run(
+            rendered, SetEnhancer(small_sif(), ReferenceConfig()), depths
+        )
     ]
     table = row_table(gains_over_raw(frame_of(records)), read_layout("depth"))
     assert table.iloc[:, :3].to_numpy().tolist() == [[run, d, "2"] for run in ("plane", "all") for d in ROWS]

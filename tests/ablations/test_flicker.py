@@ -3,7 +3,6 @@ from functools import partial
 
 import pytest
 import torch
-from test_sif import small
 
 from ablations.report.video import flicker_table
 from ablations.scripts.flicker import (
@@ -22,6 +21,7 @@ from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.scene.path import smooth_path
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from support.networks import small_sif
 from support.synthetic_runs import plane_camera, plane_view
 
 
@@ -148,7 +148,7 @@ def test_references_that_are_kept_along_the_path_change_less_often(plane_run, tm
 
 
 def test_identity_flickers_as_its_input(plane_run, tmp_path):
-    found, _ = means(named(plane_run, tmp_path), filmed(small()))
+    found, _ = means(named(plane_run, tmp_path), filmed(small_sif()))
     assert found["raw"] == found["enhanced"]
     assert max(found["change"]) < 0.003  # a constant image at half brightness, brought to 8 bits
 
@@ -196,7 +196,7 @@ def test_frames_without_depth_are_refused():
     path = plane_path(2)
     bare = dataclasses.replace(path, targets=tuple(dataclasses.replace(v, read_depth=None) for v in path.targets))
     with pytest.raises(InputError, match="lacks"):
-        rendered_sequence(bare, SetEnhancer(small(), ReferenceConfig(references=0)))
+        rendered_sequence(bare, SetEnhancer(small_sif(), ReferenceConfig(references=0)))
 
 
 def test_networks_that_enlarge_are_refused():

@@ -5,7 +5,6 @@ import shutil
 
 import pytest
 import torch
-from test_sif import small
 
 from ablations.scripts import candidates, guards
 from ablations.study.row_table import read_layout, row_table
@@ -15,6 +14,7 @@ from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import Pretrained, save_weights
 from gaussian_enhancer.metrics.records import Record, write_records
+from support.networks import small_sif
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def weights(tmp_path):
     """Weights of a network that is untrained, and of one that brightens every render by about 0.1."""
     files = []
     for label, shift in (("same", 0.0), ("brighter", 0.2)):
-        network = small()
+        network = small_sif()
         with torch.no_grad():
             network.decode.head.bias[:12] = shift
         files.append(tmp_path / f"{label}-0123abcd" / "weights.safetensors")
@@ -109,7 +109,7 @@ def test_evidence_keeps_an_invention_small(weights, plane_run, tmp_path, job, ca
 
 
 def test_the_limit_is_all_that_differs():
-    pretrained = Pretrained(small(), ReferenceConfig(), {})
+    pretrained = Pretrained(small_sif(), ReferenceConfig(), {})
     for guard, limits in guards.LIMITS.items():
         made = [guards.guarded_enhancer(pretrained, guard, limit) for limit in limits]
         agreements = [one.reference_config.warp.photo_consistency for one in made]  # type: ignore[union-attr]
@@ -121,4 +121,4 @@ def test_the_limit_is_all_that_differs():
         )
         assert [one.strength for one in made] == (list(limits) if guard == "strength" else [1.0] * len(made))
     with pytest.raises(InputError, match="do not warp"):
-        guards.guarded_enhancer(Pretrained(small(), ReferenceConfig(Unwarped()), {}), "photo_consistency", 0.2)
+        guards.guarded_enhancer(Pretrained(small_sif(), ReferenceConfig(Unwarped()), {}), "photo_consistency", 0.2)

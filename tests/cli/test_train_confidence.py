@@ -4,7 +4,6 @@ import json
 
 import pytest
 from omegaconf import DictConfig
-from test_sif import trained
 
 from gaussian_enhancer.align.alignment import Reprojected
 from gaussian_enhancer.align.references import ReferenceConfig
@@ -13,6 +12,7 @@ from gaussian_enhancer.cli.train_confidence import run
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import load_weights, reference_config_of, save_weights
 from support.job_config import job_config
+from support.networks import trained
 
 
 def job(fits, weights, tmp_path, *words: str) -> DictConfig:

@@ -17,7 +17,6 @@ import torch
 from test_compressed_ply import elements
 from test_compressed_ply import write as write_compressed
 from test_opensfm import write_opensfm
-from test_sif import trained
 from test_spz import attributes, header, packed
 
 from fuzz.mutate import broken_bytes, broken_json, broken_text
@@ -37,6 +36,7 @@ from gaussian_enhancer.splat.render import render
 from gaussian_enhancer.types import Camera, Gaussians, identity_camera
 from support.captures_on_disk import colmap_to_binary, write_camera_path, write_colmap, write_transforms
 from support.foreign_splats import write_checkpoint
+from support.networks import trained
 from support.synthetic_runs import write_plane_run
 
 CAMERA = ("fl_x", "fl_y", "cx", "cy", "w", "h", "width", "height", "fx", "fy", "focal", "k1", "camera_angle_x")

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from test_cascade import SMALL, moved
-from test_sif import trained
+from test_cascade import SMALL
 
 from gaussian_enhancer.align.alignment import Reprojected
 from gaussian_enhancer.align.references import ReferenceConfig
@@ -34,6 +33,7 @@ from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.network.ssif_lr import SSIFLR
 from gaussian_enhancer.network.ssif_sr import SSIFSR
 from gaussian_enhancer.types import NetworkInput
+from support.networks import trained
 
 
 def views(height: int = 40, width: int = 52, references: int = 3, renders: bool = True) -> NetworkInput:
@@ -179,7 +179,7 @@ def test_the_enhancer_applies_the_share(share: float):
 def test_super_resolution_limits_the_change_before_the_finer_scales():
     """The second network sees the limited image of the first, and its own change is applied where a reference shows."""
     seen = replace(views(32, 48), fine_references=torch.rand(1, 3, 3, 128, 192))
-    cascade = Cascade(moved(SSIFLR(**SMALL)), moved(SSIFSR(**SMALL)))
+    cascade = Cascade(trained(SSIFLR, **SMALL), trained(SSIFSR, **SMALL))
     options = {"precision": "float32", "colour_completion": False}
 
     def enhanced(confidence: ChangeConfidence | None) -> torch.Tensor:

@@ -2,8 +2,7 @@ import dataclasses
 
 import pytest
 import torch
-from test_sif import small, trained, views
-from test_ssif_lr import trained as trained_scales
+from test_ssif_lr import small as small_ssif_lr
 
 from gaussian_enhancer.align.alignment import Reprojected, Unwarped
 from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool, build_network_input, read_target
@@ -23,11 +22,12 @@ from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.scene.photos import read_photo
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.types import Region
+from support.networks import small_sif, trained, views
 
 
 def test_untrained_network_returns_every_render(plane_run):
     rendered = read_run(plane_run)
-    enhanced = list(SetEnhancer(small(), ReferenceConfig())(rendered))
+    enhanced = list(SetEnhancer(small_sif(), ReferenceConfig())(rendered))
     assert [one.name for one in enhanced] == [view.name for view in rendered.targets]
     for one, view in zip(enhanced, rendered.targets, strict=True):
         assert view.read is not None
@@ -104,7 +104,7 @@ def test_wrong_values_are_refused(plane_run):
         choose_precision("int8", torch.device("cpu"))
     empty = dataclasses.replace(read_run(plane_run), targets=())
     with pytest.raises(InputError, match="no render"):
-        next(SetEnhancer(small(), ReferenceConfig())(empty))
+        next(SetEnhancer(small_sif(), ReferenceConfig())(empty))
 
 
 def test_images_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
@@ -142,10 +142,10 @@ def count_references(network) -> list[int]:
 
 
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
-@pytest.mark.parametrize("make", [trained, trained_scales])
+@pytest.mark.parametrize("make", [small_sif, small_ssif_lr])
 def test_each_photo_is_encoded_once_and_the_result_is_the_same(plane_run, make, precision):
     rendered = many_targets(plane_run)
-    network = make(refine=Deformable(kernel=1))
+    network = trained(make, refine=Deformable(kernel=1))
     enhancer = SetEnhancer(network, ReferenceConfig(Unwarped(), 2, 2), precision=precision)
     seen = count_references(network)
     kept = list(enhancer(rendered))
@@ -268,11 +268,11 @@ def test_coverage_is_what_the_references_show(plane_run):
     view = rendered.targets[0]
     pool = ReferencePool(rendered.references)
     aligned = ReferenceConfig().align(read_target(view), view, pool)
-    one = next(SetEnhancer(small(), ReferenceConfig(), keeps_coverage=True)(rendered, None, pool))
+    one = next(SetEnhancer(small_sif(), ReferenceConfig(), keeps_coverage=True)(rendered, None, pool))
     assert one.coverage is not None
     torch.testing.assert_close(one.coverage, aligned.visibility.sum(0))
     assert 0 < float(one.coverage.max()) <= 3
-    assert next(SetEnhancer(small(), ReferenceConfig())(rendered)).coverage is None
+    assert next(SetEnhancer(small_sif(), ReferenceConfig())(rendered)).coverage is None
 
 
 def test_coverage_of_regions_is_that_of_the_whole_and_nothing_elsewhere(plane_run):
@@ -280,7 +280,7 @@ def test_coverage_of_regions_is_that_of_the_whole_and_nothing_elsewhere(plane_ru
     regions = (Region(8, 8, 24, 40),)
     planner = Planner(Rules(tiles="auto"), ReferenceConfig(), rendered)
     planner.plans = {view.name: ViewPlan(view.name, (48, 64), regions) for view in rendered.targets}
-    enhancer = SetEnhancer(small(), ReferenceConfig(), keeps_coverage=True)
+    enhancer = SetEnhancer(small_sif(), ReferenceConfig(), keeps_coverage=True)
     parts, whole = next(enhancer(rendered, planner)), next(enhancer(rendered))
     assert parts.coverage is not None
     assert whole.coverage is not None

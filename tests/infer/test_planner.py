@@ -4,7 +4,6 @@ import dataclasses
 
 import pytest
 import torch
-from test_sif import small, trained
 
 from gaussian_enhancer.align.alignment import Unwarped
 from gaussian_enhancer.align.references import ReferenceConfig, read_target
@@ -15,6 +14,7 @@ from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.network.ssif_sr import SSIFSR
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import Region
+from support.networks import small_sif, trained
 from support.synthetic_runs import plane_camera, plane_view
 
 AUTO = Rules("auto", "auto", "auto")
@@ -82,7 +82,7 @@ def test_an_untrained_network_returns_the_render_whatever_is_left_out():
     rendered = things()
     render = rendered.targets[0].read()  # type: ignore[misc]
     _, planner = planned(rendered)
-    (one,) = SetEnhancer(small(), ReferenceConfig())(rendered, planner)
+    (one,) = SetEnhancer(small_sif(), ReferenceConfig())(rendered, planner)
     assert torch.equal(one.image, render)
     (fine,) = SetEnhancer(SSIFSR((8, 8, 8), (1, 1, 1)), ReferenceConfig(), precision="float32")(rendered, planner)
     expected = upsample_bicubic(render[None], 4)[0].clamp(0, 1)
@@ -138,7 +138,7 @@ def test_references_that_are_not_warped_belong_to_the_whole_image():
     assert (plan.regions, planner.reference_indices(plan)) == (None, None)
 
 
-@pytest.mark.parametrize("make", [small, trained])
+@pytest.mark.parametrize("make", [small_sif, trained])
 def test_rules_that_leave_nothing_out_change_no_bit(make):
     rendered = things()
     enhancer = SetEnhancer(make(), ReferenceConfig())

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from test_cascade import SMALL, moved
-from test_sif import views
+from test_cascade import SMALL
 
 from gaussian_enhancer.align.alignment import Reprojected
 from gaussian_enhancer.align.references import ReferenceConfig
@@ -16,6 +15,7 @@ from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.network.ssif_lr import SSIFLR
 from gaussian_enhancer.network.ssif_sr import SSIFSR
 from gaussian_enhancer.types import NetworkInput
+from support.networks import trained, views
 
 
 def seen_by(visibility: torch.Tensor, photos: torch.Tensor | None = None) -> NetworkInput:
@@ -69,7 +69,7 @@ def test_seen_pixels_keep_to_the_colours_of_image_and_fine_photos(height: int) -
 def test_the_enhancer_leaves_the_finer_scales_out_where_no_reference_is_visible() -> None:
     seen = replace(views(32, 48, references=3), fine_references=torch.rand(1, 3, 3, 128, 192))
     seen.visibility[..., 24:] = 0
-    cascade = Cascade(moved(SSIFLR(**SMALL)), moved(SSIFSR(**SMALL)))
+    cascade = Cascade(trained(SSIFLR, **SMALL), trained(SSIFSR, **SMALL))
     options = {"precision": "float32", "colour_clamping": 0, "colour_completion": False}
     result = SetEnhancer(cascade, ReferenceConfig(Reprojected()), **options).enhance(seen)
     with torch.inference_mode():
@@ -91,7 +91,7 @@ def test_the_enhancer_clamps_finer_scales_if_it_clamps(window: int) -> None:
         visibility=torch.ones(1, 3, 1, 32, 48),
         fine_references=torch.full((1, 3, 3, 128, 192), 0.5),
     )
-    cascade = Cascade(moved(SSIFLR(**SMALL)), moved(SSIFSR(**SMALL)))
+    cascade = Cascade(trained(SSIFLR, **SMALL), trained(SSIFSR, **SMALL))
     options = {"precision": "float32", "colour_clamping": window, "colour_completion": False}
     change = SetEnhancer(cascade, ReferenceConfig(Reprojected()), **options).enhance(grey) - 0.5
     assert bool(change.abs().max() < 1e-6) == bool(window)

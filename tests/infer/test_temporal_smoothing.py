@@ -4,7 +4,6 @@ import dataclasses
 
 import pytest
 import torch
-from test_sif import small
 
 from gaussian_enhancer.align.alignment import LoadedView
 from gaussian_enhancer.align.references import ReferenceConfig
@@ -13,6 +12,7 @@ from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.temporal_smoothing import smooth_change
 from gaussian_enhancer.network.ssif_sr import SSIFSR
 from gaussian_enhancer.scene.renders import read_run
+from support.networks import small_sif
 from support.synthetic_runs import plane_camera, plane_view
 
 
@@ -61,15 +61,15 @@ def test_what_is_needed_is_named(lacking):
 
 def test_frames_of_a_run_are_steadied_in_their_order(plane_run):
     rendered = read_run(plane_run)
-    each = [one.image for one in SetEnhancer(small(), ReferenceConfig(), temporal_smoothing=0.0)(rendered)]
-    both = [one.image for one in SetEnhancer(small(), ReferenceConfig(), temporal_smoothing=0.5)(rendered)]
+    each = [one.image for one in SetEnhancer(small_sif(), ReferenceConfig(), temporal_smoothing=0.0)(rendered)]
+    both = [one.image for one in SetEnhancer(small_sif(), ReferenceConfig(), temporal_smoothing=0.5)(rendered)]
     assert all(torch.equal(a, b) for a, b in zip(each, both, strict=True))  # untrained: there is no change to carry
 
 
 @pytest.mark.parametrize("temporal_smoothing", [-0.1, 1.0])
 def test_shares_out_of_range_are_refused(temporal_smoothing):
     with pytest.raises(InputError, match="temporal_smoothing"):
-        SetEnhancer(small(), ReferenceConfig(), temporal_smoothing=temporal_smoothing)
+        SetEnhancer(small_sif(), ReferenceConfig(), temporal_smoothing=temporal_smoothing)
 
 
 def test_super_resolution_is_refused():

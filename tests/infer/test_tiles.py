@@ -2,7 +2,6 @@ import dataclasses
 
 import pytest
 import torch
-from test_sif import trained, views
 
 from gaussian_enhancer.align.depth_normalisation import depth_unit
 from gaussian_enhancer.errors import InputError
@@ -11,6 +10,7 @@ from gaussian_enhancer.network.deform import Deformable
 from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.network.ssif_sr import SSIFSR
 from gaussian_enhancer.types import NetworkInput
+from support.networks import trained, views
 
 
 def large(height: int, width: int) -> NetworkInput:

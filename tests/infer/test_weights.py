@@ -3,7 +3,6 @@ import json
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
-from test_sif import small, trained, views
 
 from gaussian_enhancer.align.alignment import Reprojected, Unwarped
 from gaussian_enhancer.align.references import ReferenceConfig
@@ -12,6 +11,7 @@ from gaussian_enhancer.infer.weights import build_design, design_of, load_weight
 from gaussian_enhancer.network.deform import Deformable
 from gaussian_enhancer.network.depth_modulation import Unmodulated
 from gaussian_enhancer.network.fuse import Mean
+from support.networks import small_sif, trained, views
 
 
 @pytest.fixture
@@ -37,13 +37,13 @@ def test_round_trip(file):
     "choices", [{}, {"refine": Deformable(width=4)}, {"fusion": Mean(), "modulation": Unmodulated()}]
 )
 def test_design_rebuilds_the_same_network(choices):
-    network = small(**choices)
+    network = small_sif(**choices)
     again = build_design(json.loads(json.dumps(design_of(network))))
     assert {n: p.shape for n, p in again.state_dict().items()} == {n: p.shape for n, p in network.state_dict().items()}
 
 
 def test_unwarped_preparation_round_trips(tmp_path):
-    save_weights(tmp_path / "a.safetensors", small(), ReferenceConfig(Unwarped(), 2, 2), {})
+    save_weights(tmp_path / "a.safetensors", small_sif(), ReferenceConfig(Unwarped(), 2, 2), {})
     assert load_weights(tmp_path / "a.safetensors").reference_config == ReferenceConfig(Unwarped(), 2, 2)
 
 

@@ -4,7 +4,7 @@ import json
 import pytest
 import torch
 import torch.nn.functional as F
-from test_ssif_sr import views
+from test_ssif_sr import fine_views
 
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
@@ -13,22 +13,15 @@ from gaussian_enhancer.network.cascade import Cascade
 from gaussian_enhancer.network.colour_clamping import clamp_to_references
 from gaussian_enhancer.network.ssif_lr import SSIFLR
 from gaussian_enhancer.network.ssif_sr import SSIFSR
+from support.networks import trained
 
 SMALL = {"widths": (8, 8, 8), "blocks": (1, 1, 1)}
-
-
-def moved(network):
-    """A network whose zero-initialised layers have been moved."""
-    torch.manual_seed(1)
-    for parameter in network.parameters():
-        parameter.data += 0.05 * torch.randn_like(parameter)
-    return network.eval()
 
 
 @pytest.mark.parametrize("size", [(1, 1), (3, 5), (17, 24)])
 @pytest.mark.parametrize(("references", "fine"), [(0, True), (2, True), (2, False)])
 def test_untrained_returns_the_enlarged_render_bit_for_bit(size, references, fine):
-    seen = views(*size, references=references, fine=fine)
+    seen = fine_views(*size, references=references, fine=fine)
     network = Cascade(SSIFLR(**SMALL), SSIFSR(**SMALL))
     assert torch.equal(network(seen), F.interpolate(seen.render, scale_factor=4, mode="bicubic", align_corners=False))
     sides = [tuple(image.shape[-2:]) for image in network.stages(seen)]
@@ -36,7 +29,7 @@ def test_untrained_returns_the_enlarged_render_bit_for_bit(size, references, fin
 
 
 def test_the_second_sees_what_the_first_makes_within_the_evidence():
-    seen, first, second = views(), moved(SSIFLR(**SMALL)), moved(SSIFSR(**SMALL))
+    seen, first, second = fine_views(), trained(SSIFLR, **SMALL), trained(SSIFSR, **SMALL)
     bare = first(dataclasses.replace(seen, fine_references=None))
     kept = clamp_to_references(bare, seen, 3, clamp_unseen=True)
     assert not torch.equal(kept, bare)
@@ -47,20 +40,20 @@ def test_the_second_sees_what_the_first_makes_within_the_evidence():
 
 
 def test_gradients_reach_both():
-    network = Cascade(moved(SSIFLR(**SMALL)), moved(SSIFSR(**SMALL)))
-    network(views()).square().mean().backward()
+    network = Cascade(trained(SSIFLR, **SMALL), trained(SSIFSR, **SMALL))
+    network(fine_views()).square().mean().backward()
     for part in (network.first, network.second):
         assert sum(float(p.grad.abs().sum()) for p in part.parameters() if p.grad is not None) > 0
 
 
 def test_survives_its_file(tmp_path):
-    network = moved(Cascade(SSIFLR(**SMALL), SSIFSR(**SMALL), colour_clamping=5)).half().float()
+    network = trained(Cascade, SSIFLR(**SMALL), SSIFSR(**SMALL), colour_clamping=5).half().float()
     path = tmp_path / "both.safetensors"
     save_weights(path, network, ReferenceConfig(fine=True), {"name": "both"})
     loaded = load_weights(path).network
     assert isinstance(loaded, Cascade)
     assert loaded.colour_clamping == 5
-    torch.testing.assert_close(loaded(views()), network(views()))
+    torch.testing.assert_close(loaded(fine_views()), network(fine_views()))
 
 
 def test_refuses_what_does_not_follow_one_upon_the_other():

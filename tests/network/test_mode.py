@@ -2,7 +2,6 @@ import pytest
 import torch
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
-from test_sif import views
 
 from gaussian_enhancer.align.alignment import Unwarped
 from gaussian_enhancer.align.references import ReferenceConfig
@@ -16,6 +15,7 @@ from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.runs.instantiate import build
 from support import paths
+from support.networks import views
 
 CONF = paths.ROOT / "conf"
 ROWS = {

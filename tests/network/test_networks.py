@@ -17,6 +17,7 @@ from gaussian_enhancer.network.fuse import Mean, Pair, Trust
 from gaussian_enhancer.network.network import CachesReferences, Network
 from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.types import NetworkInput
+from support.networks import trained, views
 
 SIZES = {"widths": (8, 8, 16), "blocks": (1, 1, 1)}
 NULL = {"Identity", "Bicubic"}
@@ -35,38 +36,16 @@ def small(name: str, **choices) -> Network:
     return network.eval()
 
 
-def trained(name: str, **choices) -> Network:
-    """A network whose zero-initialised layers have been moved."""
-    torch.manual_seed(1)
-    network = small(name, **choices)
-    for parameter in network.parameters():
-        parameter.data += 0.05 * torch.randn_like(parameter)
-    return network
-
-
-def views(height: int = 32, width: int = 48, references: int = 2, batch: int = 1, fine: bool = False) -> NetworkInput:
+def full_views(height: int = 32, width: int = 48, *args, **kwargs) -> NetworkInput:
     """All that may be known, the unit of depth included, so that padding and cutting do not change it."""
-    generator = torch.Generator().manual_seed(0)
-
-    def rand(*shape):
-        return torch.rand(*shape, generator=generator)
-
-    return NetworkInput(
-        rand(batch, 3, height, width),
-        rand(batch, references, 3, height, width),
-        rand(batch, references, 1, height, width),
-        1 + rand(batch, 1, height, width),
-        rand(batch, 1, height, width),
-        torch.full((batch,), 1.5),
-        rand(batch, references, 3, height, width),
-        rand(batch, references, 3, 4 * height, 4 * width) if fine else None,
-    )
+    seen = views(height, width, *args, renders=True, **kwargs)
+    return dataclasses.replace(seen, depth_unit=torch.full((len(seen.render),), 1.5))
 
 
 def views_for(network: Network, *args, references: int = 2, **kwargs) -> NetworkInput:
     """What is known of the targets, with no more references than the network reads."""
     most = 2 if type(network).__name__ in PAPER else references
-    return views(*args, fine=network.scale > 1, references=min(references, most), **kwargs)
+    return full_views(*args, fine=network.scale > 1, references=min(references, most), **kwargs)
 
 
 def start(network: Network, seen: NetworkInput) -> torch.Tensor:
@@ -120,7 +99,7 @@ def test_untrained_returns_the_render(name, size, references):
 
 
 def test_a_step_of_training_changes_the_result(learning):
-    network = trained(learning)
+    network = trained(small, learning)
     seen = views_for(network)
     assert (network(seen) - start(network, seen)).abs().mean() > 1e-3
 
@@ -128,14 +107,14 @@ def test_a_step_of_training_changes_the_result(learning):
 @pytest.mark.parametrize("fusion", [Trust(), Trust(pooled=True), Mean()])
 @pytest.mark.parametrize("unordered", sorted(NETWORKS.keys() - NULL - PAPER))
 def test_order_of_references_changes_nothing(unordered, fusion):
-    network = trained(unordered, **with_choices(unordered, fusion=fusion, refine=Deformable(kernel=1)))
+    network = trained(small, unordered, **with_choices(unordered, fusion=fusion, refine=Deformable(kernel=1)))
     seen = views_for(network, references=3)
     torch.testing.assert_close(network(picked(seen, [2, 0, 1])), network(seen), rtol=0, atol=1e-5)
 
 
 def test_order_matters_to_a_pair_and_a_third_is_refused():
-    network = trained("SIF", fusion=Pair())
-    seen = views(references=3)
+    network = trained(small, "SIF", fusion=Pair())
+    seen = full_views(references=3)
     pair = picked(seen, [0, 1])
     assert not torch.allclose(network(pair), network(picked(seen, [1, 0])), atol=1e-3)
     with pytest.raises(InputError, match="references"):
@@ -144,14 +123,14 @@ def test_order_matters_to_a_pair_and_a_third_is_refused():
 
 @pytest.mark.parametrize("kind", sorted(PAPER))
 def test_the_papers_networks_refuse_a_third_reference(kind):
-    network = trained(kind)
+    network = trained(small, kind)
     with pytest.raises(InputError, match="ask for 2, or choose mode=ours"):
-        network(views(references=3, fine=network.scale > 1))
+        network(full_views(references=3, fine=network.scale > 1))
 
 
 @pytest.mark.parametrize("fusion", [Trust(), Trust(pooled=True), Mean(), Pair()])
 def test_missing_reference_equals_its_removal(learning, fusion):
-    network = trained(learning, **with_choices(learning, fusion=fusion, refine=Deformable(kernel=1)))
+    network = trained(small, learning, **with_choices(learning, fusion=fusion, refine=Deformable(kernel=1)))
     seen = views_for(network, references=2 if isinstance(fusion, Pair) else 3)
     every = list(range(seen.references.shape[1]))
     for missing, kept in (([1], [0, *every[2:]]), (every, [])):
@@ -162,7 +141,7 @@ def test_missing_reference_equals_its_removal(learning, fusion):
 
 
 def test_references_are_used_or_ignored_as_the_network_says(learning):
-    network = trained(learning)
+    network = trained(small, learning)
     seen = views_for(network)
     with torch.no_grad():
         change = (network(seen) - network(picked(seen, []))).abs().max()
@@ -171,7 +150,7 @@ def test_references_are_used_or_ignored_as_the_network_says(learning):
 
 def test_a_shift_of_everything_shifts_the_result(learning):
     """By the stride; in the middle, further from the borders than the network can tell them."""
-    network = trained(learning)
+    network = trained(small, learning)
     step, scale = network.stride, network.scale
     seen = views_for(network, height=32, width=320 + step)
     left = seen.map_images(lambda image, n: image[..., : n * 320])
@@ -187,14 +166,14 @@ def test_a_shift_of_everything_shifts_the_result(learning):
 @pytest.mark.parametrize("size", [(1, 1), (2, 3), (16, 48), (17, 33), (47, 31)])
 @pytest.mark.parametrize("references", [0, 1, 8])
 def test_any_size_and_any_number_of_references(name, size, references):
-    network = trained(name, **with_choices(name, refine=Deformable(kernel=1)))
+    network = trained(small, name, **with_choices(name, refine=Deformable(kernel=1)))
     image = network(views_for(network, *size, references=references))
     assert image.shape == (1, 3, network.scale * size[0], network.scale * size[1])
     assert bool(torch.isfinite(image).all())
 
 
 def test_a_batch_is_its_samples(learning):
-    network = trained(learning)
+    network = trained(small, learning)
     seen = views_for(network, batch=2)
     images = {f.name: getattr(seen, f.name) for f in dataclasses.fields(seen)}
     for sample in range(2):
@@ -204,7 +183,7 @@ def test_a_batch_is_its_samples(learning):
 
 @pytest.mark.parametrize("absent", [("depth", "depth_unit"), ("alpha",), ("reference_renders",), ("fine_references",)])
 def test_what_is_optional_may_be_absent(name, absent):
-    network = trained(name)
+    network = trained(small, name)
     seen = dataclasses.replace(views_for(network), **dict.fromkeys(absent))
     image = network(seen)
     assert image.shape == start(network, seen).shape
@@ -212,7 +191,7 @@ def test_what_is_optional_may_be_absent(name, absent):
 
 
 def test_scale_of_depth_does_not_matter(name):
-    network = trained(name)
+    network = trained(small, name)
     seen = views_for(network)
     for factor in (1e-4, 1e4):
         scaled = dataclasses.replace(seen, depth=factor * seen.depth, depth_unit=factor * seen.depth_unit)
@@ -223,7 +202,7 @@ def test_scale_of_depth_does_not_matter(name):
 
 
 def test_gradients_reach_every_parameter(learning):
-    network = trained(learning, **with_choices(learning, refine=Deformable(kernel=1)))
+    network = trained(small, learning, **with_choices(learning, refine=Deformable(kernel=1)))
     network(views_for(network)).square().mean().backward()
     for parameter_name, parameter in network.named_parameters():
         assert parameter.grad is not None, parameter_name
@@ -232,7 +211,7 @@ def test_gradients_reach_every_parameter(learning):
 
 
 def test_gradients_reach_offsets_masks_and_depth_separately(learning):
-    network = trained(learning, **with_choices(learning, refine=Deformable()))
+    network = trained(small, learning, **with_choices(learning, refine=Deformable()))
     network(views_for(network)).square().mean().backward()
     aligned = [module for module in network.modules() if isinstance(module, Deformation)]
     modulated = [module for module in network.modules() if isinstance(module, DepthModulation)]
@@ -266,7 +245,7 @@ def test_first_step_from_birth_moves_the_result(learning):
 
 
 def test_bfloat16_stays_near(learning):
-    network = trained(learning, **with_choices(learning, refine=Deformable(kernel=1)))
+    network = trained(small, learning, **with_choices(learning, refine=Deformable(kernel=1)))
     seen = views_for(network)
     with torch.no_grad():
         exact = network(seen)
@@ -277,7 +256,7 @@ def test_bfloat16_stays_near(learning):
 
 
 def test_stages_end_in_the_result(name):
-    network = trained(name)
+    network = trained(small, name)
     seen = views_for(network, height=33, width=17)
     stages = network.stages(seen)
     assert torch.equal(stages[-1], network(seen))
@@ -287,7 +266,7 @@ def test_stages_end_in_the_result(name):
 
 @pytest.mark.parametrize("kind", sorted(n for n, kind in NETWORKS.items() if issubclass(kind, CachesReferences)))
 def test_known_features_are_used_and_give_the_same(kind):
-    network = trained(kind)
+    network = trained(small, kind)
     seen = views_for(network)
     known = network.encode(seen)
     assert torch.equal(network(seen, known), network(seen))
@@ -295,7 +274,7 @@ def test_known_features_are_used_and_give_the_same(kind):
 
 
 def test_design_and_weights_make_the_round_trip(name, tmp_path):
-    network = trained(name, **with_choices(name, refine=Deformable(kernel=1), fusion=Mean()))
+    network = trained(small, name, **with_choices(name, refine=Deformable(kernel=1), fusion=Mean()))
     design = json.loads(json.dumps(design_of(network)))
     assert design["network"] == name
     assert design_of(build_design(design)) == design_of(network)

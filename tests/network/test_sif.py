@@ -7,36 +7,7 @@ from gaussian_enhancer.align.depth_normalisation import depth_unit, normalised_i
 from gaussian_enhancer.network.deform import Deformable, Unrefined
 from gaussian_enhancer.network.depth_modulation import DepthModulated, Unmodulated
 from gaussian_enhancer.network.fuse import Mean, Trust
-from gaussian_enhancer.network.sif import SIF
-from gaussian_enhancer.types import NetworkInput
-
-
-def views(height: int = 24, width: int = 40, references: int = 2, batch: int = 1, seed: int = 0) -> NetworkInput:
-    generator = torch.Generator().manual_seed(seed)
-
-    def rand(*shape):
-        return torch.rand(*shape, generator=generator)
-
-    return NetworkInput(
-        rand(batch, 3, height, width),
-        rand(batch, references, 3, height, width),
-        rand(batch, references, 1, height, width),
-        1 + rand(batch, 1, height, width),
-        rand(batch, 1, height, width),
-    )
-
-
-def small(**choices) -> SIF:
-    return SIF(widths=(16, 16, 24), blocks=(1, 1, 1), **choices)
-
-
-def trained(**choices) -> SIF:
-    """A network whose zero-initialised layers have been moved."""
-    torch.manual_seed(1)
-    network = small(**choices)
-    for parameter in network.parameters():
-        parameter.data += 0.05 * torch.randn_like(parameter)
-    return network.eval()
+from support.networks import small_sif, trained, views
 
 
 @pytest.mark.parametrize("size", [(1, 1), (3, 5), (24, 40), (41, 17)])
@@ -44,9 +15,9 @@ def trained(**choices) -> SIF:
 @pytest.mark.parametrize("refine", [Unrefined(), Deformable()])
 def test_untrained_network_returns_the_render_bit_for_bit(size, references, refine):
     seen = views(*size, references=references)
-    assert torch.equal(small(refine=refine)(seen), seen.render)
+    assert torch.equal(small_sif(refine=refine)(seen), seen.render)
     with torch.autocast("cpu", torch.bfloat16):
-        assert torch.equal(small(refine=refine)(seen), seen.render)
+        assert torch.equal(small_sif(refine=refine)(seen), seen.render)
 
 
 @pytest.mark.parametrize("refine", [Unrefined(), Deformable(), Deformable(kernel=1)])
@@ -60,7 +31,7 @@ def test_order_of_references_changes_nothing(refine, fusion):
 
 
 def test_pooling_adds_nothing_at_birth_and_tells_references_of_each_other_later():
-    plain, pooled, seen = trained(), small(fusion=Trust(pooled=True)), views(references=3)
+    plain, pooled, seen = trained(), small_sif(fusion=Trust(pooled=True)), views(references=3)
     missing, odd = pooled.load_state_dict(plain.state_dict(), strict=False)
     assert missing == ["gather.fuse.pool.weight"]
     assert not odd

@@ -4,7 +4,6 @@ import json
 import pytest
 import torch
 import torch.nn.functional as F
-from test_sif import views
 
 from gaussian_enhancer.infer.weights import build_design, count_parameters, design_of
 from gaussian_enhancer.network.combine import Combined, Uncombined
@@ -14,19 +13,11 @@ from gaussian_enhancer.network.output_head import Residual
 from gaussian_enhancer.network.pyramid import average_views, pad_to_stride
 from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.network.ssif_lr import SSIFLR
+from support.networks import trained, views
 
 
 def small(**choices) -> SSIFLR:
     return SSIFLR(widths=(16, 16, 24), blocks=(1, 1, 1), **choices)
-
-
-def trained(**choices) -> SSIFLR:
-    """A network whose zero-initialised layers have been moved."""
-    torch.manual_seed(1)
-    network = small(**choices)
-    for parameter in network.parameters():
-        parameter.data += 0.05 * torch.randn_like(parameter)
-    return network.eval()
 
 
 def test_untrained_every_scale_returns_its_render():
@@ -41,13 +32,13 @@ def test_untrained_every_scale_returns_its_render():
 
 @pytest.mark.parametrize("share", [True, False])
 def test_known_features_give_the_same(share):
-    network, seen = trained(share=share), views()
+    network, seen = trained(small, share=share), views()
     assert torch.equal(network(seen, network.encode(seen)), network(seen))
 
 
 def test_finest_scale_alone_is_sif():
     """With scales that know nothing of each other, the last one is SIF with the same weights."""
-    network, seen = trained(combine=Uncombined(), fusion=Trust()), views(height=32, width=48)
+    network, seen = trained(small, combine=Uncombined(), fusion=Trust()), views(height=32, width=48)
     sif = SIF(widths=(16, 16, 24), blocks=(1, 1, 1))
     sif.gather.load_state_dict(network.gather[0].state_dict())
     sif.decode.load_state_dict(network.decode[2].state_dict())
@@ -55,7 +46,7 @@ def test_finest_scale_alone_is_sif():
 
 
 def test_coarser_scales_change_finer_ones_and_not_the_other_way():
-    network, seen = trained(), views()
+    network, seen = trained(small), views()
     before = network.stages(seen)
     network.decode[2].head.bias.data += 0.1
     after = network.stages(seen)
@@ -66,7 +57,7 @@ def test_coarser_scales_change_finer_ones_and_not_the_other_way():
 
 def test_coarsest_scale_is_aligned_to_its_own_first_result():
     """E(1/4) gathers with T in place of the render: zero what settles, and E is T."""
-    network, seen = trained(), views()
+    network, seen = trained(small), views()
     for parameter in network.settle.parameters():
         torch.nn.init.zeros_(parameter)
     coarse = average_views(pad_to_stride(seen, 16), 4)
@@ -87,7 +78,7 @@ def test_sees_further_than_its_finest_scale_alone():
     changed = dataclasses.replace(seen, render=other)
     reach = {}
     for combine in (Combined(), Uncombined()):
-        network = trained(combine=combine)
+        network = trained(small, combine=combine)
         difference = (network(changed) - network(seen)).abs().amax((0, 1, 2))
         reach[type(combine)] = 104 - int(torch.nonzero(difference > 0)[0])
     assert reach[Combined] > reach[Uncombined] + 16
@@ -95,7 +86,7 @@ def test_sees_further_than_its_finest_scale_alone():
 
 @pytest.mark.parametrize("choices", [{}, {"share": False}, {"combine": Uncombined(), "output": Residual()}])
 def test_design_rebuilds_the_same_network(choices):
-    network = trained(**choices)
+    network = trained(small, **choices)
     again = build_design(json.loads(json.dumps(design_of(network)))).eval()
     again.load_state_dict(network.state_dict())
     assert torch.equal(again(views()), network(views()))

@@ -13,32 +13,15 @@ from gaussian_enhancer.network.halving import halve
 from gaussian_enhancer.network.output_head import Gated, Residual
 from gaussian_enhancer.network.ssif_sr import SSIFSR, merge_torch
 from gaussian_enhancer.types import NetworkInput
+from support.networks import trained, views
 
 
-def views(height: int = 16, width: int = 24, references: int = 2, seed: int = 0, fine: bool = True) -> NetworkInput:
-    generator = torch.Generator().manual_seed(seed)
-
-    def rand(*shape):
-        return torch.rand(*shape, generator=generator)
-
-    return NetworkInput(
-        rand(1, 3, height, width),
-        rand(1, references, 3, height, width),
-        rand(1, references, 1, height, width),
-        1 + rand(1, 1, height, width),
-        rand(1, 1, height, width),
-        reference_renders=rand(1, references, 3, height, width),
-        fine_references=rand(1, references, 3, 4 * height, 4 * width) if fine else None,
-    )
+def fine_views(height: int = 16, width: int = 24, references: int = 2, fine: bool = True) -> NetworkInput:
+    return views(height, width, references, renders=True, fine=fine)
 
 
-def trained(**choices) -> SSIFSR:
-    """A network whose zero-initialised layers have been moved."""
-    torch.manual_seed(1)
-    network = SSIFSR(widths=(16, 16, 24), blocks=(1, 1, 1), **choices)
-    for parameter in network.parameters():
-        parameter.data += 0.05 * torch.randn_like(parameter)
-    return network.eval()
+def small(**choices: object) -> SSIFSR:
+    return SSIFSR(widths=(16, 16, 24), blocks=(1, 1, 1), **choices)
 
 
 def part(seen: NetworkInput, order: list[int]) -> NetworkInput:
@@ -51,7 +34,7 @@ def part(seen: NetworkInput, order: list[int]) -> NetworkInput:
 @pytest.mark.parametrize(("references", "fine"), [(0, True), (1, True), (3, True), (2, False)])
 @pytest.mark.parametrize("refine", [Unrefined(), Deformable()])
 def test_untrained_network_returns_the_bicubically_enlarged_render_bit_for_bit(size, references, fine, refine):
-    seen = views(*size, references=references, fine=fine)
+    seen = fine_views(*size, references=references, fine=fine)
     expected = F.interpolate(seen.render, scale_factor=4, mode="bicubic", align_corners=False)
     network = SSIFSR(widths=(8, 8, 8), blocks=(1, 1, 1), refine=refine)
     assert torch.equal(network(seen), expected)
@@ -65,12 +48,12 @@ def test_untrained_network_returns_the_bicubically_enlarged_render_bit_for_bit(s
 @pytest.mark.parametrize("fusion", [Trust(), Trust(pooled=True), Mean()])
 @pytest.mark.parametrize("output", [Gated(), Residual()])
 def test_order_of_references_changes_nothing(fusion, output):
-    network, seen = trained(fusion=fusion, output=output), views(references=3)
+    network, seen = trained(small, fusion=fusion, output=output), fine_views(references=3)
     torch.testing.assert_close(network(part(seen, [2, 0, 1])), network(seen), rtol=0, atol=1e-5)
 
 
 def test_fine_references_reach_the_image_and_their_absence_is_no_error():
-    network, seen = trained(), views()
+    network, seen = trained(small), fine_views()
     assert seen.fine_references is not None
     other = dataclasses.replace(seen, fine_references=seen.fine_references.flip(-1))
     one, two, bare = (
@@ -87,7 +70,7 @@ def test_fine_references_reach_the_image_and_their_absence_is_no_error():
 
 @pytest.mark.parametrize("references", [0, 2])
 def test_large_images_are_finished_in_parts_with_the_same_result(references, monkeypatch: pytest.MonkeyPatch):
-    network, seen = trained(), views(72, 104, references=references)
+    network, seen = trained(small), fine_views(72, 104, references=references)
     with torch.no_grad():
         whole = network(seen)
         monkeypatch.setattr(ssif_sr, "TILE", 16)
@@ -98,7 +81,7 @@ def test_large_images_are_finished_in_parts_with_the_same_result(references, mon
 
 
 def test_features_are_computed_once_for_all_scales_and_known_ones_are_not_computed_again():
-    network, seen, calls = trained(), views(), Counter()
+    network, seen, calls = trained(small), fine_views(), Counter()
     parts: dict[str, nn.Module] = {
         "render": network.gather.encode_render,
         "reference": network.gather.encode_reference,
@@ -143,7 +126,7 @@ def test_one_merged_reference_is_their_mean_by_trust():
 
 
 def test_a_shift_of_everything_shifts_the_image():
-    network, seen = trained(), views(104, 112)
+    network, seen = trained(small), fine_views(104, 112)
     with torch.no_grad():
         moved = network(seen.map_images(lambda image, n: image.roll((8 * n, 8 * n), (-2, -1))))
         still = network(seen).roll((32, 32), (-2, -1))

@@ -8,6 +8,7 @@ import torch
 from ablations.ibgs.network import IBGSResidual, ResidualInput
 from ablations.ibgs.sources import Sources
 from gaussian_enhancer.infer.weights import count_parameters
+from support.networks import trained
 
 
 def seen(height: int = 20, width: int = 28, sources: int = 3, batch: int = 1) -> ResidualInput:
@@ -19,15 +20,6 @@ def seen(height: int = 20, width: int = 28, sources: int = 3, batch: int = 1) ->
     visible = rand(sources, 1) > 0.4
     colours, cameras = rand(sources, 3) * visible, rand(sources, 4) * visible
     return ResidualInput(rand(3), colours, cameras, visible, rand(3))
-
-
-def trained() -> IBGSResidual:
-    """A network whose zero-initialised layer has been moved."""
-    torch.manual_seed(1)
-    network = IBGSResidual()
-    for parameter in network.parameters():
-        parameter.data += 0.05 * torch.randn_like(parameter)
-    return network.eval()
 
 
 def test_it_has_about_the_published_number_of_parameters():
@@ -44,7 +36,7 @@ def test_untrained_the_residual_is_zero(size, sources):
 
 
 def test_order_of_sources_changes_nothing_and_invisible_ones_are_as_if_they_were_not_there():
-    network, given = trained(), seen()
+    network, given = trained(IBGSResidual), seen()
     expected = network(given)
     assert not torch.allclose(expected, torch.zeros_like(expected), atol=1e-3)
     order = torch.tensor([2, 0, 1])
@@ -64,7 +56,7 @@ def test_what_counts_nowhere_is_left_out_of_the_input(count):
     cameras = torch.rand(count, 4, 20, 28, generator=generator) * visible
     render, rays = torch.rand(2, 3, 20, 28, generator=generator)
     sources = Sources(colours, cameras, visible, rays, ("",) * count)
-    network, found = trained(), ResidualInput.of(render, sources, 3)
+    network, found = trained(IBGSResidual), ResidualInput.of(render, sources, 3)
     assert found.colours.shape[1] == 3
     all_of_them = ResidualInput(render[None], colours[None], cameras[None], visible[None], rays[None])
     torch.testing.assert_close(network(found), network(all_of_them))
@@ -72,7 +64,7 @@ def test_what_counts_nowhere_is_left_out_of_the_input(count):
 
 def test_it_is_told_differences_of_colour():
     """A pixel whose photos have the render's colours has the same features whatever these are."""
-    network, given = trained(), seen()
+    network, given = trained(IBGSResidual), seen()
     features = []
     for shade in (0.2, 0.7):
         render = torch.full_like(given.render, shade)
@@ -83,7 +75,7 @@ def test_it_is_told_differences_of_colour():
 
 
 def test_features_are_pooled_by_mean_variance_and_maximum():
-    network, given = trained(), seen(4, 4)
+    network, given = trained(IBGSResidual), seen(4, 4)
     each = torch.cat([(given.colours - given.render[:, None]) * given.visible, given.cameras], dim=2)
     features = network.encode(each[0])
     for row, column in ((0, 0), (1, 2), (3, 3)):
@@ -93,7 +85,7 @@ def test_features_are_pooled_by_mean_variance_and_maximum():
 
 
 def test_gradients_reach_every_part():
-    network = trained()
+    network = trained(IBGSResidual)
     network(seen()).square().mean().backward()
     for name, parameter in network.named_parameters():
         assert parameter.grad is not None, name

@@ -4,7 +4,6 @@ import dataclasses
 
 import pytest
 import torch
-from test_sif import small
 
 from ablations.study.enhanced_views import enhanced_views
 from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool
@@ -12,11 +11,12 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.metrics.pair import measure_pair
 from gaussian_enhancer.scene.renders import read_run
+from support.networks import small_sif
 
 
 def brighter(shift: float, config: ReferenceConfig) -> SetEnhancer:
     """An enhancer that adds about half of a number."""
-    network = small()
+    network = small_sif()
     with torch.no_grad():
         network.decode.head.bias[:12] = shift
     return SetEnhancer(network, config, precision="float32")

@@ -2,10 +2,10 @@ import dataclasses
 
 import pytest
 import torch
-from test_sif import views
 
 from gaussian_enhancer.infer.weights import build_design, count_parameters, design_of
 from gaussian_enhancer.network.baselines.bicubic import Bicubic
+from support.networks import views
 
 
 @pytest.mark.parametrize("size", [(1, 1), (5, 3), (16, 24)])

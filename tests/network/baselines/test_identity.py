@@ -1,8 +1,8 @@
 import torch
-from test_sif import views
 
 from gaussian_enhancer.infer.weights import build_design, count_parameters, design_of
 from gaussian_enhancer.network.baselines.identity import Identity
+from support.networks import views
 
 
 def test_returns_the_render():

@@ -2,12 +2,12 @@ import dataclasses
 
 import pytest
 import torch
-from test_sif import views
 
 from gaussian_enhancer.infer.weights import count_parameters
 from gaussian_enhancer.network.baselines.nafnet import LocalAttention, NAFBlock, NAFNet, PixelNorm
 from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.types import NetworkInput
+from support.networks import views
 
 
 def trained(network: NAFNet) -> NAFNet:

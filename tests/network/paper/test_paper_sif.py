@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from gaussian_enhancer.network.paper.sif import PaperSIF
-from support.network_reads import recorded, trained, views
+from support.networks import recorded, trained, visible_views
 
 
 def small() -> PaperSIF:
@@ -14,7 +14,7 @@ def small() -> PaperSIF:
 
 
 def test_view_fusion_comes_before_depth_modulation_with_an_image_between():
-    network, seen = trained(small), views()
+    network, seen = trained(small), visible_views()
     parts = {
         "Encoder(G)": network.encode_reference,
         "Encoder(L)": network.encode_target,
@@ -44,7 +44,7 @@ def test_view_fusion_comes_before_depth_modulation_with_an_image_between():
 
 
 def test_the_fused_view_knows_nothing_of_depth_and_the_result_does():
-    network, seen = trained(small), views()
+    network, seen = trained(small), visible_views()
     assert seen.depth is not None
     other = dataclasses.replace(seen, depth=seen.depth.flip(-1))
     (fused, enhanced), (fused_too, enhanced_too) = network.stages(seen), network.stages(other)
@@ -53,7 +53,7 @@ def test_the_fused_view_knows_nothing_of_depth_and_the_result_does():
 
 
 def test_modulation_reads_the_encoded_fused_view():
-    network, seen = trained(small), views()
+    network, seen = trained(small), visible_views()
     read: list[torch.Tensor] = []
     network.encode_fused.register_forward_pre_hook(lambda _, inputs: read.append(inputs[0]))
     fused, _ = network.stages(seen)
@@ -62,7 +62,7 @@ def test_modulation_reads_the_encoded_fused_view():
 
 @pytest.mark.parametrize("changed", ["t-1", "t+1"])
 def test_both_adjacent_views_reach_the_fused_view(changed):
-    network, seen = trained(small), views()
+    network, seen = trained(small), visible_views()
     references = seen.references.clone()
     references[:, ("t-1", "t+1").index(changed)] = 0.5
     other = network.stages(dataclasses.replace(seen, references=references))[0]

@@ -8,7 +8,7 @@ from torch import nn
 from gaussian_enhancer.network.paper.ssif_lr import PaperSSIFLR
 from gaussian_enhancer.network.paper.stages import LearnedCombine
 from gaussian_enhancer.network.pyramid import average_views, pad_to_stride, upsample_bicubic
-from support.network_reads import recorded, trained, views
+from support.networks import recorded, trained, visible_views
 
 
 def small() -> PaperSSIFLR:
@@ -35,7 +35,7 @@ def named(network: PaperSSIFLR) -> dict[str, nn.Module]:
 
 
 def test_reads_come_in_the_order_of_the_algorithm():
-    network, seen = trained(small), views()
+    network, seen = trained(small), visible_views()
     with recorded(named(network)) as calls:
         images = network.stages(seen)
 
@@ -55,7 +55,7 @@ def test_reads_come_in_the_order_of_the_algorithm():
 
 
 def test_shapes_are_those_of_each_scale():
-    network, seen = trained(small), views()
+    network, seen = trained(small), visible_views()
     with recorded(named(network)) as calls:
         network(seen)
     found = {name: (read, given) for name, read, given in calls}
@@ -73,7 +73,7 @@ def test_shapes_are_those_of_each_scale():
 
 def test_references_are_aligned_again_to_the_decoded_quarter():
     """E(1/4) = DeformableConv(temp_E(1/4), F[G t-1](1/4), F[G t+1](1/4))."""
-    network, seen = trained(small), views()
+    network, seen = trained(small), visible_views()
     read: dict[str, torch.Tensor] = {}
     network.encode_coarsest.register_forward_pre_hook(lambda _, inputs: read.update(image=inputs[0]))
     network.align_again.register_forward_pre_hook(lambda _, inputs: read.update(references=inputs[1]))
@@ -93,7 +93,7 @@ def test_no_scale_shares_weights_with_another():
 
 
 def test_coarser_results_reach_the_finer_ones_and_not_the_other_way():
-    network, seen = trained(small), views()
+    network, seen = trained(small), visible_views()
     before = network.stages(seen)
     network.fuse.head.bias.data += 0.1
     assert [torch.equal(a, b) for a, b in zip(before, network.stages(seen), strict=True)] == [True, True, False]
@@ -119,7 +119,7 @@ def test_combine_can_pass_a_coarser_image_on():
 
 
 def test_depth_reaches_every_scale():
-    network, seen = trained(small), views()
+    network, seen = trained(small), visible_views()
     assert seen.depth is not None
     other = dataclasses.replace(seen, depth=seen.depth.flip(-1))
     for one, two in zip(network.stages(seen), network.stages(other), strict=True):

@@ -9,7 +9,7 @@ import torch.nn.functional as F
 from torch import nn
 
 from gaussian_enhancer.network.paper.ssif_sr import PaperSSIFSR
-from support.network_reads import recorded, trained, views
+from support.networks import recorded, trained, visible_views
 
 
 def small(buffer: bool = True) -> PaperSSIFSR:
@@ -36,9 +36,9 @@ def named(network: PaperSSIFSR) -> dict[str, nn.Module]:
 
 
 def seen_by(**choices) -> tuple[PaperSSIFSR, list]:
-    network = trained(lambda: small(**choices))
+    network = trained(small, **choices)
     with recorded(named(network)) as calls:
-        network(views(16, 32, fine=True))
+        network(visible_views(16, 32, fine=True))
     return network, calls
 
 
@@ -85,7 +85,7 @@ def test_what_is_cached_is_what_finer_scales_read():
     network.encode_depth.register_forward_hook(lambda _, inputs, output: depth.append(output))
     for join in network.join:
         join.register_forward_pre_hook(lambda _, inputs: joined.append(inputs))
-    network(views(16, 32, fine=True))
+    network(visible_views(16, 32, fine=True))
     assert len(fused) == len(depth) == 1
     assert joined[0][0] is fused[0]
     assert joined[0][1] is depth[0]
@@ -102,7 +102,7 @@ def test_without_the_buffer_each_scale_computes_anew_what_it_reads_and_the_image
     assert {name: counts[name] for name in names} == dict.fromkeys(names, 3)
     assert counts["Encoder(G)"] == counts["Encoder(HG) 4"] == 1
     assert Counter(name for name, _, _ in cached)["DeformableConv"] == 1
-    seen = views(16, 32, fine=True)
+    seen = visible_views(16, 32, fine=True)
     again = trained(small)
     again.load_state_dict(network.state_dict())
     assert torch.equal(network(seen), again(seen))
@@ -113,7 +113,7 @@ def test_references_are_downsampled_by_4_and_2_and_kept():
     read: dict[int, torch.Tensor] = {}
     for scale, encoder in zip((1, 2, 4), network.encode_fine, strict=True):
         encoder.register_forward_pre_hook(lambda _, inputs, scale=scale: read.update({scale: inputs[0] + 0.5}))
-    seen = views(16, 32, fine=True)
+    seen = visible_views(16, 32, fine=True)
     network(seen)
     assert seen.fine_references is not None
     photos = seen.fine_references[0]
@@ -124,7 +124,7 @@ def test_references_are_downsampled_by_4_and_2_and_kept():
 
 @pytest.mark.parametrize("scale", [1, 2, 4])
 def test_fine_references_reach_every_scale(scale):
-    network, seen = trained(small), views(16, 32, fine=True)
+    network, seen = trained(small), visible_views(16, 32, fine=True)
     assert seen.fine_references is not None
     other = dataclasses.replace(seen, fine_references=seen.fine_references.flip(-1))
     level = (1, 2, 4).index(scale)
@@ -132,7 +132,7 @@ def test_fine_references_reach_every_scale(scale):
 
 
 def test_coarser_results_reach_the_finer_ones_and_not_the_other_way():
-    network, seen = trained(small), views(16, 32, fine=True)
+    network, seen = trained(small), visible_views(16, 32, fine=True)
     before = network.stages(seen)
     network.decode[2].head.bias.data += 0.1
     assert [torch.equal(a, b) for a, b in zip(before, network.stages(seen), strict=True)] == [True, True, False]
