@@ -6,14 +6,10 @@ import pytest
 import torch
 
 from gaussian_enhancer.degrade.artefact_types import ARTEFACTS
-from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.artefacts.view import View
+from support.generators import spawn_seeded
 
 pytestmark = pytest.mark.parametrize("artefact", ARTEFACTS.values(), ids=ARTEFACTS.keys())
-
-
-def seeded(count, seed=0):
-    return spawn(count, torch.Generator().manual_seed(seed))
 
 
 def photos(count=4, height=48, width=40, dtype=torch.float32):
@@ -43,7 +39,7 @@ def assert_same(view, other, **tolerance):
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_strength_0_changes_nothing(artefact, dtype):
     view = photos(dtype=dtype)
-    after = artefact(view, strengths(view, 0.0), seeded(4))
+    after = artefact(view, strengths(view, 0.0), spawn_seeded(4))
     for name in ("image", "depth", "alpha"):
         assert torch.equal(getattr(after, name), getattr(view, name)), name
 
@@ -52,7 +48,7 @@ def test_the_change_grows_with_the_strength(artefact):
     view = photos()
     changes = [
         sum(
-            float((artefact(view, strengths(view, s), seeded(4, seed)).image - view.image).abs().mean())
+            float((artefact(view, strengths(view, s), spawn_seeded(4, seed)).image - view.image).abs().mean())
             for seed in range(6)
         )
         for s in (0, 0.25, 0.5, 0.75, 1)
@@ -62,14 +58,14 @@ def test_the_change_grows_with_the_strength(artefact):
 
 def test_a_little_strength_changes_little(artefact):
     view = photos()
-    full = (artefact(view, strengths(view, 1.0), seeded(4)).image - view.image).abs().mean()
-    slight = (artefact(view, strengths(view, 1e-3), seeded(4)).image - view.image).abs().mean()
+    full = (artefact(view, strengths(view, 1.0), spawn_seeded(4)).image - view.image).abs().mean()
+    slight = (artefact(view, strengths(view, 1e-3), spawn_seeded(4)).image - view.image).abs().mean()
     assert slight < 0.05 * full
 
 
 def test_equal_generators_give_equal_results_and_others_do_not(artefact):
     view = photos()
-    first, again, other = (artefact(view, strengths(view, 0.7), seeded(4, seed)) for seed in (3, 3, 4))
+    first, again, other = (artefact(view, strengths(view, 0.7), spawn_seeded(4, seed)) for seed in (3, 3, 4))
     assert_same(first, again, rtol=0, atol=0)
     if artefact is not ARTEFACTS.get("jpeg"):
         assert not torch.equal(first.image, other.image)
@@ -78,8 +74,8 @@ def test_equal_generators_give_equal_results_and_others_do_not(artefact):
 def test_a_batch_is_its_samples_one_by_one(artefact):
     view = photos()
     strength = torch.tensor([0.2, 1.0, 0.5, 0.0])
-    together = artefact(view, strength, seeded(4))
-    for i, generator in enumerate(seeded(4)):
+    together = artefact(view, strength, spawn_seeded(4))
+    for i, generator in enumerate(spawn_seeded(4)):
         index = torch.tensor([i])
         assert_same(artefact(view[index], strength[index], [generator]), together[index], rtol=0, atol=2e-5)
 
@@ -87,8 +83,8 @@ def test_a_batch_is_its_samples_one_by_one(artefact):
 def test_single_precision_is_as_good_as_double(artefact):
     view = photos(dtype=torch.float64)
     single = View(view.image.float(), view.depth.float(), view.alpha.float())
-    exact = artefact(view, strengths(view, 0.5), seeded(4)).image
-    difference = (artefact(single, strengths(single, 0.5), seeded(4)).image.double() - exact).abs()
+    exact = artefact(view, strengths(view, 0.5), spawn_seeded(4)).image
+    difference = (artefact(single, strengths(single, 0.5), spawn_seeded(4)).image.double() - exact).abs()
     # Where something is rounded, a few pixels may fall on the other side.
     assert (difference > 1e-4).double().mean() < 0.01
     assert difference.median() < 1e-5
@@ -102,7 +98,7 @@ def test_any_size_and_constant_images_stay_finite_and_in_range(artefact, size, l
         image = torch.full_like(image, level)
     depth = torch.full_like(image[:, :1], 2.0)
     for s in (1e-3, 1.0):
-        after = artefact(View(image, depth, torch.ones_like(depth)), torch.full((2,), s), seeded(2))
+        after = artefact(View(image, depth, torch.ones_like(depth)), torch.full((2,), s), spawn_seeded(2))
         assert after.image.shape == image.shape
         assert torch.isfinite(after.image).all()
         assert after.image.min() >= -1e-5
@@ -114,14 +110,14 @@ def test_any_size_and_constant_images_stay_finite_and_in_range(artefact, size, l
 def test_inputs_are_not_written_into(artefact):
     view, kept = photos(), photos()
     strength = strengths(view, 0.8)
-    artefact(view, strength, seeded(4))
+    artefact(view, strength, spawn_seeded(4))
     assert_same(view, kept, rtol=0, atol=0)
     assert torch.equal(strength, strengths(view, 0.8))
 
 
 def test_absent_depth_and_opacity_stay_absent(artefact):
     view = photos()
-    bare = artefact(View(view.image), strengths(view, 0.8), seeded(4))
+    bare = artefact(View(view.image), strengths(view, 0.8), spawn_seeded(4))
     assert bare.depth is None
     assert bare.alpha is None
 
@@ -130,6 +126,6 @@ def test_gradients_reach_the_image_and_are_finite(artefact):
     image = photos(dtype=torch.float64).image
     image[:, :, :4, :4] = torch.tensor([0.0, 1.0, 0.0, 1.0], dtype=torch.float64)
     image.requires_grad_()
-    artefact(View(image), torch.full((4,), 0.6, dtype=torch.float64), seeded(4)).image.square().sum().backward()
+    artefact(View(image), torch.full((4,), 0.6, dtype=torch.float64), spawn_seeded(4)).image.square().sum().backward()
     assert torch.isfinite(image.grad).all()
     assert (image.grad != 0).double().mean() > 0.3

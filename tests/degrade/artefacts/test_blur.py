@@ -5,8 +5,8 @@ import torch
 from kornia.filters import get_gaussian_kernel2d
 
 from gaussian_enhancer.degrade.artefacts.blur import blur, oriented_kernels
-from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.artefacts.view import View
+from support.generators import spawn_seeded
 
 
 def kernel(along, across, angle):
@@ -42,7 +42,7 @@ def test_is_linear_and_keeps_constants():
     strength = torch.ones(2, dtype=torch.float64)
 
     def blurred(image):
-        return blur(View(image), strength, spawn(2, torch.Generator().manual_seed(5))).image
+        return blur(View(image), strength, spawn_seeded(2, seed=5)).image
 
     torch.testing.assert_close(blurred(0.3 * x + 0.7 * y), 0.3 * blurred(x) + 0.7 * blurred(y))
     torch.testing.assert_close(blurred(torch.full_like(x, 0.4)), torch.full_like(x, 0.4))
@@ -52,7 +52,7 @@ def test_is_linear_and_keeps_constants():
 def test_how_much_varies_over_the_image():
     impulses = torch.zeros(1, 3, 96, 96)
     impulses[..., 12::24, 12::24] = 1
-    after = blur(View(impulses), torch.ones(1), spawn(1, torch.Generator().manual_seed(0))).image
+    after = blur(View(impulses), torch.ones(1), spawn_seeded(1)).image
     peaks = after[0, 0, 12::24, 12::24]
     assert peaks.max() > 1.3 * peaks.min()
 

@@ -1,12 +1,8 @@
 import torch
 
 from gaussian_enhancer.degrade.artefacts.cloudy import cloudy
-from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.artefacts.view import View
-
-
-def generators(count, seed=0):
-    return spawn(count, torch.Generator().manual_seed(seed))
+from support.generators import spawn_seeded
 
 
 def textured(count=8, size=64):
@@ -16,7 +12,7 @@ def textured(count=8, size=64):
 
 def test_a_veil_has_no_detail_of_its_own():
     black = View(torch.zeros(8, 3, 64, 64))
-    veil = cloudy(black, torch.ones(8), generators(8)).image
+    veil = cloudy(black, torch.ones(8), spawn_seeded(8)).image
     assert veil.mean() > 0.05
     assert veil.diff(dim=2).abs().max() < 0.02
     assert veil.diff(dim=3).abs().max() < 0.02
@@ -24,7 +20,7 @@ def test_a_veil_has_no_detail_of_its_own():
 
 def test_it_lowers_contrast_and_keeps_some():
     view = textured()
-    after = cloudy(view, torch.ones(8), generators(8)).image
+    after = cloudy(view, torch.ones(8), spawn_seeded(8)).image
     share = after.std(dim=(1, 2, 3)) / view.image.std(dim=(1, 2, 3))
     assert share.max() < 0.98
     assert share.min() > 0.2
@@ -32,9 +28,9 @@ def test_it_lowers_contrast_and_keeps_some():
 
 def test_veils_bring_the_depth_nearer_as_much_as_they_hide():
     view = textured()
-    after = cloudy(view, torch.ones(8), generators(8))
+    after = cloudy(view, torch.ones(8), spawn_seeded(8))
     black = cloudy(
-        View(torch.zeros_like(view.image), view.depth, torch.zeros_like(view.alpha)), torch.ones(8), generators(8)
+        View(torch.zeros_like(view.image), view.depth, torch.zeros_like(view.alpha)), torch.ones(8), spawn_seeded(8)
     )
     hidden = black.alpha
     # Veils hang between 0.2 and 0.7 of the median depth.
@@ -47,5 +43,5 @@ def test_veils_do_not_hang_behind_the_surfaces_before_them():
     view = textured()
     depth = view.depth.clone()
     depth[..., :16, :16] = 0.4
-    after = cloudy(View(view.image, depth), torch.ones(8), generators(8))
+    after = cloudy(View(view.image, depth), torch.ones(8), spawn_seeded(8))
     assert torch.equal(after.image[..., :16, :16], view.image[..., :16, :16])

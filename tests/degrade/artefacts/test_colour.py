@@ -2,12 +2,8 @@ import pytest
 import torch
 
 from gaussian_enhancer.degrade.artefacts.colour import change_tone, coarse_ycbcr, colour, palette, quantise
-from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.artefacts.view import View
-
-
-def seeded(count, seed=0):
-    return spawn(count, torch.Generator().manual_seed(seed))
+from support.generators import spawn_seeded
 
 
 def noise(count=2, size=16):
@@ -43,7 +39,7 @@ def test_coarse_ycbcr_keeps_greys_grey_and_luma_close():
 def test_toning_is_a_gamma_and_a_gain_within_their_range():
     image = torch.tensor([0.25, 0.5, 1.0], dtype=torch.float64).expand(16, 3, 1, 3)
     strength = torch.full((16,), 0.5, dtype=torch.float64)
-    after = change_tone(image, strength, seeded(16))
+    after = change_tone(image, strength, spawn_seeded(16))
     gain = after[..., 2]
     gamma = torch.log(after[..., 1] / gain) / torch.log(image[..., 1])
     torch.testing.assert_close(gain * image[..., 0] ** gamma, after[..., 0])
@@ -62,13 +58,13 @@ def test_rounding_passes_the_gradient_straight_through(way):
 def test_gradcheck_of_toning():
     image = noise(1, 3).requires_grad_()
     one = torch.ones(1, dtype=torch.float64)
-    assert torch.autograd.gradcheck(lambda x: change_tone(x, one, seeded(1)), (image,))
+    assert torch.autograd.gradcheck(lambda x: change_tone(x, one, spawn_seeded(1)), (image,))
 
 
 def test_all_three_ways_occur():
     image = noise(1).expand(24, -1, -1, -1)
     strength = torch.ones(24, dtype=torch.float64)
-    after = colour(View(image), strength, seeded(24)).image
+    after = colour(View(image), strength, spawn_seeded(24)).image
     is_palette = (after == palette(image, strength)).flatten(1).all(1)
     is_coarse = (after == coarse_ycbcr(image, strength)).flatten(1).all(1)
     assert min(int(is_palette.sum()), int(is_coarse.sum()), int((~is_palette & ~is_coarse).sum())) >= 3

@@ -2,12 +2,8 @@ import pytest
 import torch
 
 from gaussian_enhancer.degrade.artefacts.displacement import displace, displacement, random_offset
-from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.artefacts.view import View
-
-
-def seeded(count, seed=0):
-    return spawn(count, torch.Generator().manual_seed(seed))
+from support.generators import spawn_seeded
 
 
 @pytest.mark.parametrize("mode", ["bilinear", "nearest"])
@@ -27,8 +23,8 @@ def test_fractions_are_interpolated():
 
 def test_offsets_are_as_long_and_jumps_as_many_as_they_say():
     like = torch.zeros(8, 3, 192, 192)
-    full = random_offset(torch.ones(8), seeded(8), like)
-    half = random_offset(torch.full((8,), 0.5), seeded(8), like)
+    full = random_offset(torch.ones(8), spawn_seeded(8), like)
+    half = random_offset(torch.full((8,), 0.5), spawn_seeded(8), like)
     # The smooth part doubles with the strength, a jump is as long at any.
     jumped = ((full - 2 * half).abs() > 0.5).any(dim=1, keepdim=True)
     assert 0.02 < jumped.double().mean() < 0.03
@@ -42,7 +38,7 @@ def test_image_depth_and_opacity_move_together():
     depth[:, :, 10:20] = 0
     alpha = (depth > 0).float()
     image = alpha.expand(-1, 3, -1, -1).clone()
-    after = displacement(View(image, depth, alpha), torch.ones(2), seeded(2))
+    after = displacement(View(image, depth, alpha), torch.ones(2), spawn_seeded(2))
     torch.testing.assert_close(after.image[:, :1], after.alpha)
     assert torch.isin(after.depth, depth).all()
     assert (after.depth != depth).float().mean() > 0.3
@@ -53,4 +49,4 @@ def test_image_depth_and_opacity_move_together():
 def test_gradcheck():
     image = torch.rand(1, 3, 4, 5, generator=torch.Generator().manual_seed(0)).double().requires_grad_()
     strength = torch.full((1,), 0.5, dtype=torch.float64)
-    assert torch.autograd.gradcheck(lambda x: displacement(View(x), strength, seeded(1)).image, (image,))
+    assert torch.autograd.gradcheck(lambda x: displacement(View(x), strength, spawn_seeded(1)).image, (image,))

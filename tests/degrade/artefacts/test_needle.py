@@ -5,8 +5,8 @@ import torch
 
 from gaussian_enhancer.degrade.artefacts import needle as module
 from gaussian_enhancer.degrade.artefacts.needle import needle
-from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.artefacts.view import View
+from support.generators import spawn_seeded
 
 
 @pytest.fixture
@@ -16,7 +16,7 @@ def drawn(monkeypatch):
     monkeypatch.setattr(module, "composite", lambda view, splats: kept.append(splats) or view)
 
     def draw(view, strength=1.0, seed=0):
-        generators = spawn(len(view), torch.Generator().manual_seed(seed))
+        generators = spawn_seeded(len(view), seed)
         needle(view, torch.full((len(view),), strength), generators)
         return kept[-1]
 
@@ -89,7 +89,7 @@ def test_a_crowd_has_two_directions_that_cross(drawn):
 
 def test_a_full_crowd_hides_what_lies_behind():
     view = View(torch.full((8, 3, 256, 256), 0.5))
-    after = needle(view, torch.ones(8), spawn(8, torch.Generator().manual_seed(3)))
+    after = needle(view, torch.ones(8), spawn_seeded(8, seed=3))
     changed = ((after.image - 0.5).abs().amax(1) > 0.03).double()
     dense = torch.nn.functional.avg_pool2d(changed[:, None], 64, 8).flatten(1).amax(1)
     assert dense.mean() > 0.5
@@ -97,7 +97,7 @@ def test_a_full_crowd_hides_what_lies_behind():
 
 def test_changed_pixels_form_thin_lines():
     view = View(torch.full((1, 3, 128, 128), 0.5))
-    after = needle(view, torch.ones(1), spawn(1, torch.Generator().manual_seed(2)))
+    after = needle(view, torch.ones(1), spawn_seeded(1, seed=2))
     changed = ((after.image - view.image).abs().amax(1) > 0.02)[0].double()
     share = changed.mean()
     assert 0.005 < share < 0.4

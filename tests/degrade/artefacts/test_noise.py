@@ -2,13 +2,13 @@ import torch
 
 from gaussian_enhancer.degrade.artefacts.noise import MAX_SIGMA, noise, smooth_noise
 from gaussian_enhancer.degrade.artefacts.region import soft_region
-from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.artefacts.view import View
+from support.generators import spawn_seeded
 
 
 def change(strength, size=(64, 64), level=0.5, seed=0, count=4):
     grey = torch.full((count, 3, *size), level)
-    generators = spawn(count, torch.Generator().manual_seed(seed))
+    generators = spawn_seeded(count, seed)
     return noise(View(grey), torch.full((count,), strength), generators).image - grey
 
 
@@ -26,7 +26,7 @@ def test_is_linear_in_the_strength_on_middle_grey():
 
 
 def test_is_as_loud_as_it_says_where_the_region_is():
-    region = soft_region(64, 64, spawn(16, torch.Generator().manual_seed(0)), torch.zeros(1))
+    region = soft_region(64, 64, spawn_seeded(16), torch.zeros(1))
     loudness = change(1.0, count=16) / (MAX_SIGMA * region)
     torch.testing.assert_close(loudness[region.expand(-1, 3, -1, -1) > 0.5].std(), torch.tensor(1.0), rtol=0.05, atol=0)
 

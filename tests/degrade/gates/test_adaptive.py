@@ -3,7 +3,6 @@ import math
 
 import pytest
 import torch
-import torch.nn.functional as F
 
 from gaussian_enhancer.degrade.artefact_types import TYPES
 from gaussian_enhancer.degrade.artefacts.view import View
@@ -29,6 +28,7 @@ from gaussian_enhancer.degrade.gates.gate import RandomGate
 from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from support.textured_photo import textured_photo
 
 TESTED = ("blur", "noise", "cloudy", "floater")
 SWITCHES = {name: name in TESTED for name in TYPES}
@@ -36,16 +36,7 @@ SAME = dict.fromkeys(ENERGIES, 1.0)
 SIZE = (48, 64)
 
 
-def textured(seed):
-    generator = torch.Generator().manual_seed(seed)
-    layers = [
-        F.interpolate(torch.rand(1, 3, SIZE[0] // k + 1, SIZE[1] // k + 1, generator=generator), SIZE, mode="bilinear")
-        for k in (1, 2, 4, 8, 16)
-    ]
-    return ((torch.stack(layers).mean(0)[0] * 2 - 0.5).clamp(0, 1) * 255).round() / 255
-
-
-PHOTOS = [textured(seed) for seed in range(4)]
+PHOTOS = [(textured_photo(SIZE, seed, layers=5) * 255).round() / 255 for seed in range(4)]
 
 
 def simulated(gate, count, seed):

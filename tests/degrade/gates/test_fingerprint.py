@@ -4,7 +4,6 @@ import math
 
 import pytest
 import torch
-import torch.nn.functional as F
 
 from gaussian_enhancer.degrade.gates.fingerprint import (
     ENERGIES,
@@ -16,18 +15,9 @@ from gaussian_enhancer.degrade.gates.fingerprint import (
 )
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from support.textured_photo import textured_photo
 
 SIZE = (72, 96)
-
-
-def textured(seed=0, size=SIZE):
-    """A photo with structure at every scale."""
-    generator = torch.Generator().manual_seed(seed)
-    layers = [
-        F.interpolate(torch.rand(1, 3, size[0] // k + 1, size[1] // k + 1, generator=generator), size, mode="bilinear")
-        for k in (1, 2, 4, 8, 16, 32)
-    ]
-    return (torch.stack(layers).mean(0)[0] * 2 - 0.5).clamp(0, 1)
 
 
 def grid(size=SIZE):
@@ -81,12 +71,12 @@ def of(residual, photo):
 
 
 def test_a_perfect_render_has_no_energy():
-    assert torch.equal(of(0, textured()), torch.zeros(6, dtype=torch.float64))
+    assert torch.equal(of(0, textured_photo(SIZE)), torch.zeros(6, dtype=torch.float64))
 
 
 @pytest.mark.parametrize("name", ENERGIES)
 def test_each_error_shows_in_its_own_energy_more_than_any_other_error_of_the_same_size_does(name):
-    photo = textured()
+    photo = textured_photo(SIZE)
     shares = {}
     for other, make in MADE.items():
         residual = make(photo)
@@ -96,20 +86,20 @@ def test_each_error_shows_in_its_own_energy_more_than_any_other_error_of_the_sam
 
 @pytest.mark.parametrize("name", ["blur", "noise", "banding", "low_frequency", "floater"])
 def test_the_largest_energy_names_the_error(name):
-    photo = textured()
+    photo = textured_photo(SIZE)
     assert ENERGIES[int(of(MADE[name](photo), photo).argmax())] == name
 
 
 @pytest.mark.parametrize("name", ENERGIES)
 def test_energies_grow_with_the_square(name):
-    photo = textured()
+    photo = textured_photo(SIZE)
     residual = MADE[name](photo)
     torch.testing.assert_close(of(2 * residual, photo), 4 * of(residual, photo), rtol=1e-2, atol=1e-8)
 
 
 @pytest.mark.parametrize("pair", list(itertools.combinations(ENERGIES, 2)), ids="+".join)
 def test_energies_of_independent_errors_add_up(pair):
-    photo = textured()
+    photo = textured_photo(SIZE)
     one, other = (MADE[name](photo) for name in pair)
     # The veil would hide in the others' mean: what is asked is that errors without a common part add up.
     apart = [
@@ -124,7 +114,7 @@ def test_energies_of_independent_errors_add_up(pair):
 
 
 def test_detail_energies_part_the_whole_and_known_values_hold():
-    photo = textured()
+    photo = textured_photo(SIZE)
     lost = of(noise(photo), photo)
     assert lost[1] == pytest.approx(0.05**2, rel=0.25)
     assert lost[0] < 0.06 * lost[1]
@@ -134,7 +124,7 @@ def test_detail_energies_part_the_whole_and_known_values_hold():
 
 
 def test_flips_and_quarter_turns_change_nothing():
-    photo = textured(size=(64, 64))
+    photo = textured_photo((64, 64))
     render = photo + 0.05 * torch.randn(3, 64, 64, generator=torch.Generator().manual_seed(3))
     render[:, 20:30, 5:50] += 0.2
     expected = error_energies(render, photo)
@@ -153,7 +143,7 @@ def test_any_size_gives_finite_energies(size):
 
 
 def test_views_count_alike_and_in_any_order():
-    pairs = [(photo + noise(photo, 7), photo) for photo in (textured(1), textured(2))]
+    pairs = [(photo + noise(photo, 7), photo) for photo in (textured_photo(SIZE, 1), textured_photo(SIZE, 2))]
     large = (torch.full((3, 96, 96), 0.6), torch.full((3, 96, 96), 0.5))
     found = measure_fingerprint(*zip(*pairs, large, strict=True))
     mean = torch.stack([error_energies(*pair) for pair in (*pairs, large)]).mean(0)
@@ -163,7 +153,7 @@ def test_views_count_alike_and_in_any_order():
 
 
 def test_reads_training_views_and_not_the_held_out_ones():
-    photo = textured()
+    photo = textured_photo(SIZE)
     clean, spoilt = RenderedView("a.png", lambda: photo, read_photo=lambda: photo), photo + 0.5
     target = RenderedView("b.png", lambda: spoilt, read_photo=lambda: photo)
     seen = RenderedView("c.png", lambda: photo + veil(photo), read_photo=lambda: photo)
@@ -176,7 +166,7 @@ def test_reads_training_views_and_not_the_held_out_ones():
 
 
 def test_survives_json(tmp_path):
-    photo = textured()
+    photo = textured_photo(SIZE)
     found = measure_fingerprint([photo + noise(photo)], [photo])
     found.to_json(tmp_path / "fingerprint.json")
     assert Fingerprint(**json.loads((tmp_path / "fingerprint.json").read_text())) == found
@@ -193,7 +183,7 @@ def test_refuses_a_number_out_of_range_by_name(name, value):
 
 
 def test_refuses_images_that_make_no_pairs():
-    photo = textured()
+    photo = textured_photo(SIZE)
     for renders, photos in (([], []), ([photo], []), ([photo], [photo[:, 1:]]), ([photo * math.nan], [photo])):
         with pytest.raises(InputError):
             measure_fingerprint(renders, photos)

@@ -3,10 +3,10 @@
 import pytest
 import torch
 
-from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.generative.diffusion import CosineSchedule, Denoiser, LinearSchedule, Sampler
 from gaussian_enhancer.degrade.generative.factors import Factors, white_noise
 from gaussian_enhancer.errors import InputError
+from support.generators import spawn_seeded
 
 CENTRE, SPREAD, COUNT = 1.5, 0.5, 3000
 SCHEDULE = CosineSchedule()
@@ -25,7 +25,7 @@ def best(noisy: Factors, time: torch.Tensor) -> Factors:
 
 
 def sampled(sampler: Sampler) -> Factors:
-    generators = spawn(COUNT, torch.Generator().manual_seed(0))
+    generators = spawn_seeded(COUNT)
     start = white_noise(Factors(torch.zeros(COUNT, 2), torch.zeros(COUNT, 1, 1, 2)), generators)
     return sampler(best, start, SCHEDULE, generators)
 
@@ -58,7 +58,7 @@ def test_error_falls_with_steps_and_the_posterior_mean_collapses():
 
 
 def test_one_step_is_one_prediction():
-    generators = spawn(COUNT, torch.Generator().manual_seed(0))
+    generators = spawn_seeded(COUNT)
     start = white_noise(Factors(torch.zeros(COUNT, 2), torch.zeros(COUNT, 1, 1, 2)), generators)
     expected = best(start, torch.ones(COUNT))
     torch.testing.assert_close(sampled(Sampler(1)).vector, expected.vector)
@@ -105,7 +105,7 @@ class Saturated:
 @pytest.mark.parametrize("sampler", [Sampler(16), Sampler(16, noise=1.0), Sampler(16, mean=True)])
 def test_a_schedule_that_holds_still_at_its_ends_is_walked(sampler):
     """Cases steep_64, linear_1000_64: they ended in a division by zero."""
-    generators = spawn(4, torch.Generator().manual_seed(0))
+    generators = spawn_seeded(4)
     start = white_noise(Factors(torch.zeros(4, 2), torch.zeros(4, 1, 1, 2)), generators)
     seen = []
 
@@ -127,7 +127,7 @@ def test_long_walks_stay_outside_autocast():
         inside.append(torch.is_autocast_enabled("cpu"))
         return noisy
 
-    generators = spawn(1, torch.Generator().manual_seed(0))
+    generators = spawn_seeded(1)
     start = white_noise(Factors(torch.zeros(1, 2), torch.zeros(1, 1, 1, 2)), generators)
     with torch.autocast("cpu", torch.bfloat16):
         for steps in (64, 65):

@@ -3,7 +3,6 @@ import json
 import pytest
 import torch
 
-from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.generative.diffusion import Sampler
 from gaussian_enhancer.degrade.generative.second_stage import (
@@ -15,6 +14,7 @@ from gaussian_enhancer.degrade.generative.second_stage import (
 )
 from gaussian_enhancer.degrade.generative.weights import load_model, save_model
 from gaussian_enhancer.errors import InputError
+from support.generators import spawn_seeded
 
 SMALL = {"vector": 4, "grid": 2, "widths": (8, 8), "code_width": 8, "code_blocks": 1}
 
@@ -34,14 +34,10 @@ def view(count: int = 2, height: int = 24, width: int = 32) -> View:
     return View(image, 1 + torch.rand(count, 1, height, width, generator=generator))
 
 
-def generators(count: int = 2, seed: int = 0) -> tuple[torch.Generator, ...]:
-    return spawn(count, torch.Generator().manual_seed(seed))
-
-
 def test_untrained_second_stage_returns_stage_one():
     for second in (DiffusedGenerator(model(trained=False)), PairedGenerator(model(trained=False))):
         # Not to the last digit: a pixel that is read at its own place is interpolated all the same.
-        made = second(view(), generators(), view().image).image
+        made = second(view(), spawn_seeded(2), view().image).image
         torch.testing.assert_close(made, view().image, rtol=0, atol=1e-5)
 
 
@@ -49,7 +45,7 @@ def test_untrained_second_stage_returns_stage_one():
 @pytest.mark.parametrize("size", [(1, 1), (1, 7), (17, 33)])
 def test_any_size_and_either_part_alone(parts, size):
     second = DiffusedGenerator(model(**parts))
-    made = second(view(1, *size), generators(1)).image
+    made = second(view(1, *size), spawn_seeded(1)).image
     assert made.shape == (1, 3, *size)
     assert made.isfinite().all()
     assert 0 <= made.min() <= made.max() <= 1
@@ -57,20 +53,20 @@ def test_any_size_and_either_part_alone(parts, size):
 
 def test_samples_differ_by_seed_and_repeat():
     second = DiffusedGenerator(model())
-    first, again, other = (second(view(), generators(seed=seed)).image for seed in (0, 0, 1))
+    first, again, other = (second(view(), spawn_seeded(2, seed=seed)).image for seed in (0, 0, 1))
     assert torch.equal(first, again)
     assert (first - other).abs().mean() > 1e-3
 
 
 def test_batch_is_its_samples_one_by_one():
     second = DiffusedGenerator(model())
-    together = second(view(3), generators(3)).image
-    alone = [second(view(3)[torch.tensor([i])], [generators(3)[i]]).image for i in range(3)]
+    together = second(view(3), spawn_seeded(3)).image
+    alone = [second(view(3)[torch.tensor([i])], [spawn_seeded(3)[i]]).image for i in range(3)]
     torch.testing.assert_close(together, torch.cat(alone), rtol=0, atol=1e-5)
 
 
 def test_depth_stays():
-    assert torch.equal(DiffusedGenerator(model())(view(), generators()).depth, view().depth)
+    assert torch.equal(DiffusedGenerator(model())(view(), spawn_seeded(2)).depth, view().depth)
 
 
 def test_grid_says_where():
@@ -87,18 +83,18 @@ def test_grid_says_where():
 
 def test_paired_needs_real_renders():
     with pytest.raises(InputError, match="real renders"):
-        PairedGenerator(model())(view(), generators())
+        PairedGenerator(model())(view(), spawn_seeded(2))
 
 
 def test_a_real_render_is_read_where_there_is_one_and_factors_are_sampled_where_there_is_none():
     made, real = model(), view().image.flip(3)
     either = PairedOrDiffusedGenerator(made)
     paired, sampled = (
-        second(view(), generators(), given).image
+        second(view(), spawn_seeded(2), given).image
         for second, given in ((PairedGenerator(made), real), (DiffusedGenerator(made), None))
     )
-    assert torch.equal(either(view(), generators(), real).image, paired)
-    assert torch.equal(either(view(), generators()).image, sampled)
+    assert torch.equal(either(view(), spawn_seeded(2), real).image, paired)
+    assert torch.equal(either(view(), spawn_seeded(2)).image, sampled)
     assert (paired - sampled).abs().max() > 1e-3
 
 
@@ -116,7 +112,7 @@ def test_weights_round_trip(tmp_path):
     assert loaded.card == {"by": "test"}
     assert loaded.model.design.schedule == "linear"
     sampler = Sampler(2)
-    expected, found = (DiffusedGenerator(m, sampler)(view(), generators()).image for m in (saved, loaded.model))
+    expected, found = (DiffusedGenerator(m, sampler)(view(), spawn_seeded(2)).image for m in (saved, loaded.model))
     torch.testing.assert_close(found, expected, rtol=0, atol=5e-3)
 
 
