@@ -15,6 +15,7 @@ from gaussian_enhancer.network.ssif_sr import SSIFSR
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import Region
 from support.networks import small_sif, trained
+from support.projection import project
 from support.synthetic_runs import plane_camera, plane_view
 
 AUTO = Rules("auto", "auto", "auto")
@@ -26,9 +27,7 @@ def thing(index: int, *, painted: bool = False) -> RenderedView:
     """A textured card on white as one of its renders and photos; ``painted``: its photo has a mark on the white."""
     camera = plane_camera(index, *SIZE)
     photo, depth = plane_view(camera, TEXTURE)
-    spot = torch.tensor([0.0, 0.0, 3.0])
-    at = camera.K @ (camera.rotation @ spot + camera.world_to_camera[:3, 3])
-    column, row = int(at[0] / at[2]), int(at[1] / at[2])
+    column, row = map(int, project(camera, torch.tensor([0.0, 0.0, 3.0])))
     mask = torch.zeros(1, *SIZE)
     mask[:, max(0, row - 14) : row + 14, max(0, column - 22) : column + 22] = 1
     photo = photo * mask + (1 - mask)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from gaussian_enhancer.align.alignment import LoadedView, Reprojected
 from gaussian_enhancer.infer.regions import BLOCK, background_blocks, cover_with_regions, cut_pixels
 from gaussian_enhancer.types import Region
+from support.projection import project
 from support.synthetic_runs import plane_camera, plane_view
 
 WHITE = (1.0, 1.0, 1.0)
@@ -61,8 +62,8 @@ def test_a_cut_camera_sees_what_the_whole_one_sees_there():
     camera, region = plane_camera(2, 48, 64), Region(8, 16, 40, 64)
     cut = camera.crop(region)
     point = torch.tensor([0.3, -0.2, 4.0])
-    whole, part = (one.K @ (one.rotation @ point + one.world_to_camera[:3, 3]) for one in (camera, cut))
-    torch.testing.assert_close(whole[:2] / whole[2] - torch.tensor([16.0, 8.0]), part[:2] / part[2])
+    whole, part = (project(one, point) for one in (camera, cut))
+    torch.testing.assert_close(whole - torch.tensor([16.0, 8.0]), part)
     assert (cut.height, cut.width) == (32, 48)
     assert region.relative_to(Region(0, 8, 48, 64)) == Region(8, 8, 40, 56)
 

@@ -7,6 +7,7 @@ import torch
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.camera_path import PathSettings, capture_path, common_lens, refuse_outside, resize_to_even
 from gaussian_enhancer.types import Camera, identity_camera
+from support.projection import centres, project
 
 TARGET = torch.tensor([0.5, 0.25, 3.0])
 
@@ -39,16 +40,6 @@ def grid() -> list[Camera]:
     return cameras
 
 
-def centres(cameras) -> torch.Tensor:
-    return torch.stack([camera.centre for camera in cameras])
-
-
-def seen_at(camera: Camera, point: torch.Tensor) -> torch.Tensor:
-    """The pixel at which a point is seen."""
-    x = camera.K @ (camera.rotation @ point + camera.world_to_camera[:3, 3])
-    return x[:2] / x[2]
-
-
 def assert_rigid(path) -> None:
     for camera in path:
         torch.testing.assert_close(camera.rotation @ camera.rotation.T, torch.eye(3), atol=1e-5, rtol=0)
@@ -61,7 +52,7 @@ def test_an_orbit_of_a_ring_is_the_ring_and_looks_at_its_middle():
     torch.testing.assert_close(away[:, 1], torch.full((40,), -1.0), atol=1e-4, rtol=0)
     torch.testing.assert_close(away[:, [0, 2]].norm(dim=1), torch.full((40,), 2.0), atol=1e-4, rtol=0)
     for camera in path:
-        torch.testing.assert_close(seen_at(camera, TARGET), torch.tensor([16.0, 12.0]), atol=1e-2, rtol=0)
+        torch.testing.assert_close(project(camera, TARGET), torch.tensor([16.0, 12.0]), atol=1e-2, rtol=0)
         assert camera.rotation[1, 1] > 0.8  # y of camera and world both point down
     assert_rigid(path)
     steps = centres([*path, path[0]]).diff(dim=0).norm(dim=1)

@@ -17,8 +17,8 @@ from support.captures_on_disk import (
     FY,
     HEIGHT,
     WIDTH,
+    assert_dots_are_where_cameras_say,
     colmap_to_binary,
-    dot_centre,
     fisheye,
     opencv,
     save,
@@ -26,20 +26,6 @@ from support.captures_on_disk import (
 )
 
 HEAD = (FX, FY, CX, CY)
-
-
-def predicted(camera):
-    point = camera.rotation @ torch.tensor(DOT, dtype=torch.float32) + camera.world_to_camera[:3, 3]
-    pixel = camera.K @ point
-    return (pixel[:2] / pixel[2]).numpy()
-
-
-def assert_dots_are_where_cameras_say(scene, atol=0.05):
-    assert len(scene.photos) == COUNT
-    for photo in scene.photos:
-        image = photo.read()
-        assert image.shape == (3, photo.camera.height, photo.camera.width)
-        np.testing.assert_allclose(dot_centre(image.numpy()), predicted(photo.camera), atol=atol)
 
 
 @pytest.mark.parametrize("binary", [False, True])

@@ -8,6 +8,7 @@ from gaussian_enhancer.scene.procedural import procedural_scene
 from gaussian_enhancer.scene.procedural.imperfections import Imperfections
 from gaussian_enhancer.scene.procedural.source import _bake_cached
 from gaussian_enhancer.scene.stored import scene_from_values
+from support.projection import project
 
 SIZE = {"height": 48, "width": 64, "views": 12, "points": 0}
 SEED = 3
@@ -44,10 +45,7 @@ def test_stated_poses_are_off_by_pixels_and_photos_are_those_of_the_true_ones():
     offsets = []
     for before, after in zip(plain, moved, strict=True):
         target = torch.tensor([0.0, 0.0, 0.5])
-        pixels = []
-        for camera in (before.camera, after.camera):
-            local = camera.K @ (camera.rotation @ target + camera.world_to_camera[:3, 3])
-            pixels.append(local[:2] / local[2])
+        pixels = [project(camera, target) for camera in (before.camera, after.camera)]
         offsets.append(float((pixels[1] - pixels[0]).norm()) * 256 / 64)
         rotation = after.camera.rotation.double()
         torch.testing.assert_close(rotation @ rotation.T, torch.eye(3).double(), atol=1e-5, rtol=0)

@@ -8,6 +8,7 @@ import torch
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.opensfm import load_opensfm, rotation_from_axis_angle
 from support.captures_on_disk import COUNT, DOT, HEIGHT, WIDTH, dot_centre, pose, write_photos
+from support.projection import project
 
 FOCAL, K1, K2 = 1.1, -0.12, 0.03
 
@@ -46,9 +47,8 @@ def test_known_point_lands_on_its_pixel(tmp_path, name):
     scene = load_opensfm(tmp_path)
     assert len(scene.photos) == COUNT
     for photo in scene.photos:
-        point = photo.camera.rotation @ scene.points.positions[0] + photo.camera.world_to_camera[:3, 3]
-        pixel = photo.camera.K @ point
-        np.testing.assert_allclose(dot_centre(photo.read().numpy()), (pixel[:2] / pixel[2]).numpy(), atol=0.12)
+        pixel = project(photo.camera, scene.points.positions[0])
+        np.testing.assert_allclose(dot_centre(photo.read().numpy()), pixel.numpy(), atol=0.12)
     torch.testing.assert_close(scene.points.colours, torch.tensor([[1.0, 0.2, 0.0]]))
 
 

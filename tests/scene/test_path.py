@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.path import short_tour, smooth_path
 from gaussian_enhancer.types import Camera, identity_camera
+from support.projection import centres
 
 
 def looking(centre: tuple[float, float, float], yaw: float = 0.0, focal: float = 50.0) -> Camera:
@@ -21,10 +22,6 @@ def looking(centre: tuple[float, float, float], yaw: float = 0.0, focal: float =
 def circle(count: int, radius: float = 2.0) -> list[Camera]:
     angles = [0.25 * k for k in range(count)]
     return [looking((radius * math.cos(a), 0.0, radius * math.sin(a)), -a) for a in angles]
-
-
-def centres(cameras) -> torch.Tensor:
-    return torch.stack([camera.centre for camera in cameras])
 
 
 def test_path_passes_the_cameras():

@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
-from test_colmap import predicted
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.pair import measure_pair
 from gaussian_enhancer.scene.masks import write_masks
 from gaussian_enhancer.scene.published import load_published, missing_parts
 from gaussian_enhancer.scene.splits import Split
-from support.captures_on_disk import COUNT, HEIGHT, WIDTH, colmap_to_binary, dot_centre, write_colmap
+from support.captures_on_disk import COUNT, HEIGHT, WIDTH, colmap_to_binary, dot_centre, predicted_dot, write_colmap
 from support.published_on_disk import write_pyramid, write_synthetic
 
 
@@ -30,7 +29,7 @@ def test_mip_nerf_360_reads_its_authors_own_downscaled_photos(garden, downscale)
         assert (photo.camera.height, photo.camera.width) == (HEIGHT // downscale, WIDTH // downscale)
         stored = np.asarray(Image.open(garden / folder / photo.name)).transpose(2, 0, 1) / 255
         np.testing.assert_allclose(photo.read().numpy(), stored, atol=1e-6)  # as stored, not resampled
-        np.testing.assert_allclose(dot_centre(stored), predicted(photo.camera), atol=0.1)
+        np.testing.assert_allclose(dot_centre(stored), predicted_dot(photo.camera), atol=0.1)
     assert scene.test == (0, 8)
     assert scene.train == (1, 2, 3, 4, 5, 6, 7)
     assert (scene.name, scene.background) == ("garden", (0.0, 0.0, 0.0))
@@ -76,7 +75,7 @@ def test_photos_of_half_the_calibrated_size_are_read_as_they_are(tmp_path, datas
     scene = load_published(root, dataset=dataset, name=name, photos=COUNT)
     for photo in scene.photos:
         assert (photo.camera.height, photo.camera.width) == (HEIGHT // 2, WIDTH // 2)
-        np.testing.assert_allclose(dot_centre(photo.read().numpy()), predicted(photo.camera), atol=0.1)
+        np.testing.assert_allclose(dot_centre(photo.read().numpy()), predicted_dot(photo.camera), atol=0.1)
     assert scene.test == (0, 8)
 
 

@@ -5,7 +5,7 @@ import torch
 
 from gaussian_enhancer.scene.colmap import camera_pose, read_model
 from gaussian_enhancer.scene.structure_from_motion import UnposedImage, reconstruct
-from gaussian_enhancer.types import Camera
+from support.projection import project
 from support.textured_corner import FOCAL, HEIGHT, WIDTH, corner_camera, corner_render, corner_view
 
 VIEWS = (0, 2, 3, 5, 6, 8)
@@ -106,8 +106,3 @@ def test_the_corner_is_seen_as_cameras_see_it():
     local = torch.linalg.inv(one.K) @ torch.tensor([x + 0.5, y + 0.5, 1.0]) * depth[0, y, x]
     at = project(other, one.rotation.T @ (local - one.world_to_camera[:3, 3]))
     assert (seen[:, int(at[1]), int(at[0])] - photo[:, y, x]).abs().max() < 0.15
-
-
-def project(camera: Camera, point: torch.Tensor) -> torch.Tensor:
-    local = camera.K @ (camera.rotation @ point + camera.world_to_camera[:3, 3])
-    return local[:2] / local[2]

@@ -16,27 +16,16 @@ from support.captures_on_disk import (
     FY,
     HEIGHT,
     WIDTH,
+    assert_dots_are_where_cameras_say,
     dot_centre,
     dot_image,
     fisheye,
     opencv,
     opengl_to_world,
     pose,
+    predicted_dot,
     write_transforms,
 )
-
-
-def predicted(camera):
-    point = camera.rotation @ torch.tensor(DOT, dtype=torch.float32) + camera.world_to_camera[:3, 3]
-    pixel = camera.K @ point
-    return (pixel[:2] / pixel[2]).numpy()
-
-
-def assert_dots_are_where_cameras_say(scene, atol=0.05):
-    for photo in scene.photos:
-        image = photo.read()
-        assert image.shape == (3, photo.camera.height, photo.camera.width)
-        np.testing.assert_allclose(dot_centre(image.numpy()), predicted(photo.camera), atol=atol)
 
 
 def rewrite(root, content):
@@ -119,7 +108,7 @@ def test_nerf_synthetic_over_white_with_its_own_split(tmp_path):
     for photo in scene.photos:
         image, alpha = photo.read(), photo.read_alpha()
         torch.testing.assert_close(image, (1 - alpha).expand(3, -1, -1))
-        np.testing.assert_allclose(dot_centre(alpha.numpy()), predicted(photo.camera), atol=0.05)
+        np.testing.assert_allclose(dot_centre(alpha.numpy()), predicted_dot(photo.camera), atol=0.05)
     assert load_nerf_synthetic(tmp_path, split=Split(train_every=2)).train == (3, 5)
     assert load_nerf_synthetic(tmp_path, background=(0.0, 0.0, 0.0)).photos[0].read().max() == 0
 

@@ -11,7 +11,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import torch
 from PIL import Image
+
+from gaussian_enhancer.scene.scene import Scene
+from gaussian_enhancer.types import Camera
+from support.projection import project
 
 HEIGHT, WIDTH = 48, 64
 FX, FY, CX, CY = 70.0, 68.0, 33.5, 22.0
@@ -74,6 +79,19 @@ def dot_centre(image: np.ndarray) -> np.ndarray:
     grey = image.mean(0)
     rows, columns = np.indices(grey.shape) + 0.5
     return np.array([(columns * grey).sum(), (rows * grey).sum()]) / grey.sum()
+
+
+def predicted_dot(camera: Camera) -> np.ndarray:
+    """The pixel at which a camera sees the dot."""
+    return project(camera, torch.tensor(DOT, dtype=torch.float32)).numpy()
+
+
+def assert_dots_are_where_cameras_say(scene: Scene, atol: float = 0.05) -> None:
+    assert len(scene.photos) == COUNT
+    for photo in scene.photos:
+        image = photo.read()
+        assert image.shape == (3, photo.camera.height, photo.camera.width)
+        np.testing.assert_allclose(dot_centre(image.numpy()), predicted_dot(photo.camera), atol=atol)
 
 
 def save(path: Path, grey: np.ndarray) -> None:
