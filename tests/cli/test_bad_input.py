@@ -18,6 +18,7 @@ from PIL import Image
 
 from gaussian_enhancer.cli import main as cli
 from gaussian_enhancer.errors import InputError
+from support.failures import fill_disk
 
 WIDTH, HEIGHT, VIEWS = 32, 24, 10
 Refused = Callable[..., str]
@@ -169,10 +170,7 @@ def test_measure_full_disk(measured: tuple[str, ...], refused: Refused) -> None:
 
 
 def test_measure_no_space(measured: tuple[str, ...], refused: Refused, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object, **__: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "write_text", full)
+    monkeypatch.setattr(Path, "write_text", fill_disk)
     assert "out/config.yaml: cannot be written (No space left on device)" in refused(*measured)
 
 

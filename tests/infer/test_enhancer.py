@@ -22,6 +22,7 @@ from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.scene.photos import read_photo
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.types import Region
+from support.failures import fill_disk
 from support.networks import small_sif, trained, views
 
 
@@ -114,11 +115,8 @@ def test_images_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="ends in"):
         write_image(tmp_path / "a.odd", image)
 
-    def full(*_args, **_kwargs):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("PIL.Image.Image.save", full)
-    monkeypatch.setattr("pathlib.Path.write_bytes", full)
+    monkeypatch.setattr("PIL.Image.Image.save", fill_disk)
+    monkeypatch.setattr("pathlib.Path.write_bytes", fill_disk)
     for name in ("b.png", "b.jpg"):
         with pytest.raises(InputError, match="No space left"):
             write_image(tmp_path / name, image)

@@ -10,6 +10,7 @@ from gaussian_enhancer.scene import extract as module
 from gaussian_enhancer.scene import transfer
 from gaussian_enhancer.scene.extract import Parts, unpack
 from support.archive_server import zipped
+from support.failures import interrupt
 
 FILES = {
     "garden/images/a.jpg": b"large" * 100,
@@ -98,11 +99,8 @@ def test_a_damaged_archive_leaves_no_part_behind(tmp_path, spoil):
 
 
 def test_a_killed_unpacking_is_done_again(tmp_path, archive, monkeypatch):
-    def killed(*arguments: object) -> None:
-        raise KeyboardInterrupt
-
     with monkeypatch.context() as patched:
-        patched.setattr(module.os, "replace", killed)
+        patched.setattr(module.os, "replace", interrupt)
         with pytest.raises(KeyboardInterrupt):
             unpack(archive, GARDEN, tmp_path / "out")
     assert not (tmp_path / "out/sparse").exists()
