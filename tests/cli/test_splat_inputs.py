@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from gaussian_enhancer.errors import InputError
-from support.bright_weights import write_bright_weights
 from support.job_config import QUIET, job_config
 
 JOBS = {"distil": ("settings.steps=40", "settings.views=3", "settings.fade=1"), "video": ("frames=5",)}
@@ -47,20 +46,15 @@ OWN = {
 }
 
 
-@pytest.fixture(scope="module")
-def weights(tmp_path_factory) -> Path:
-    return write_bright_weights(tmp_path_factory.mktemp("weights"), 1.0)
-
-
 @pytest.fixture
-def started(weights, tmp_path, monkeypatch) -> Callable[..., None]:
+def started(bright, tmp_path, monkeypatch) -> Callable[..., None]:
     """Run a job in an empty folder, where whatever is left behind can be seen."""
     monkeypatch.chdir(tmp_path)
 
     def start(job: str, run: Path, *words: str) -> None:
         if job == "video":
             pytest.importorskip("av", reason="PyAV is in the dependency group `test`")
-        usual = f"run={run}", f"weights={weights}", "runs=runs", *JOBS[job], *QUIET
+        usual = f"run={run}", f"weights={bright}", "runs=runs", *JOBS[job], *QUIET
         importlib.import_module(f"gaussian_enhancer.cli.{job}").run(job_config(job, *usual, *words))
 
     return start

@@ -15,8 +15,7 @@ from gaussian_enhancer.scene.photos import read_photo
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.video.film import Film
-from support.bright_weights import write_bright_weights
-from support.clips import heard, write_clip
+from support.clips import decoded, heard, write_clip
 from support.job_config import QUIET, job_config
 from support.synthetic_runs import copy_with_moved_splat, plane_camera
 
@@ -30,15 +29,9 @@ def configured(*overrides: str):
     return job_config("video", *overrides, *QUIET)
 
 
-@pytest.fixture(scope="module")
-def weights(tmp_path_factory) -> Path:
-    """A network that brightens what it sees."""
-    return write_bright_weights(tmp_path_factory.mktemp("weights"), 1.0)
-
-
 @pytest.fixture
-def words(sheet_run, weights, tmp_path) -> tuple[str, ...]:
-    return f"run={sheet_run}", f"weights={weights}", f"runs={tmp_path / 'runs'}", f"frames={FRAMES}"
+def words(sheet_run, bright, tmp_path) -> tuple[str, ...]:
+    return f"run={sheet_run}", f"weights={bright}", f"runs={tmp_path / 'runs'}", f"frames={FRAMES}"
 
 
 def images(folder: Path) -> dict[str, torch.Tensor]:
@@ -48,14 +41,6 @@ def images(folder: Path) -> dict[str, torch.Tensor]:
 def folder_of(tmp_path: Path) -> Path:
     (folder,) = (tmp_path / "runs" / "video").iterdir()
     return folder
-
-
-def decoded(path: Path) -> list[torch.Tensor]:
-    with av.open(str(path)) as source:
-        return [
-            torch.from_numpy(frame.to_ndarray(format="rgb24")).permute(2, 0, 1) / 255
-            for frame in source.decode(video=0)
-        ]
 
 
 def test_a_run_becomes_a_video_and_another_layout_of_it_makes_no_frame_again(words, tmp_path, monkeypatch):
@@ -115,7 +100,7 @@ def test_a_folder_of_frames_and_a_resumed_run_are_as_a_run_in_one_go(words, tmp_
     assert len(decoded(folder / "enhanced.mp4")) == FRAMES
 
 
-def test_a_splat_and_its_capture_along_a_path_of_nerfstudio(sheet_run, weights, tmp_path, monkeypatch):
+def test_a_splat_and_its_capture_along_a_path_of_nerfstudio(sheet_run, bright, tmp_path, monkeypatch):
     photos = tuple(
         Photo(view.name, plane_camera(index, 48, 64), view.read_photo)  # type: ignore[arg-type]
         for index, view in enumerate(read_run(sheet_run).references)
@@ -127,7 +112,7 @@ def test_a_splat_and_its_capture_along_a_path_of_nerfstudio(sheet_run, weights, 
     content = {"render_height": 33, "render_width": 40, "fps": 12, "camera_path": entries}
     (tmp_path / "path.json").write_text(json.dumps(content))
     words = f"gaussians={sheet_run / 'splat.ply'}", "scene=capture", "scene.path=x", f"path={tmp_path / 'path.json'}"
-    cfg = configured(*words, f"weights={weights}", f"runs={tmp_path / 'runs'}", f"output={tmp_path / 'clip.mp4'}")
+    cfg = configured(*words, f"weights={bright}", f"runs={tmp_path / 'runs'}", f"output={tmp_path / 'clip.mp4'}")
     run(cfg)
     assert [frame.shape for frame in decoded(tmp_path / "clip.mp4")] == [(3, 32, 40)] * 3
     with av.open(str(tmp_path / "clip.mp4")) as source:
@@ -135,26 +120,26 @@ def test_a_splat_and_its_capture_along_a_path_of_nerfstudio(sheet_run, weights, 
     results = tmp_path / "results"  # as gsplat's simple_trainer leaves it
     (results / "ply").mkdir(parents=True)
     shutil.copyfile(sheet_run / "splat.ply", results / "ply/point_cloud_29999.ply")
-    run(configured(f"gaussians={results}", *words[1:], f"weights={weights}", f"runs={tmp_path / 'others'}"))
+    run(configured(f"gaussians={results}", *words[1:], f"weights={bright}", f"runs={tmp_path / 'others'}"))
     frames = [images(folder / "frames") for folder in sorted(tmp_path.glob("*/video/*"))]
     assert [len(one) for one in frames] == [3, 3]
     assert all(torch.equal(image, frames[1][name]) for name, image in frames[0].items())
     assert not list(tmp_path.glob(".*"))
 
 
-def test_a_splat_outside_the_views_of_its_capture_is_refused(sheet_run, weights, tmp_path):
+def test_a_splat_outside_the_views_of_its_capture_is_refused(sheet_run, bright, tmp_path):
     moved = copy_with_moved_splat(sheet_run, tmp_path / "moved")
     for job in ("video", "view"):
-        cfg = job_config(job, f"run={moved}", f"weights={weights}", *QUIET)
+        cfg = job_config(job, f"run={moved}", f"weights={bright}", *QUIET)
         with pytest.raises(InputError, match=r"splat\.ply: has no Gaussian in any view of moved; give the splat in"):
             open_splat_with_capture(cfg, job).renderer(cfg, "cpu")
     with pytest.raises(InputError, match="has no Gaussian in any view"):
-        run(configured(f"run={moved}", f"weights={weights}", f"runs={tmp_path / 'runs'}"))
+        run(configured(f"run={moved}", f"weights={bright}", f"runs={tmp_path / 'runs'}"))
     assert not (tmp_path / "runs").exists()
 
 
-def test_another_path_of_the_same_name_is_another_run(sheet_run, weights, tmp_path):
-    words = f"run={sheet_run}", f"weights={weights}", f"runs={tmp_path / 'runs'}", "format=frames"
+def test_another_path_of_the_same_name_is_another_run(sheet_run, bright, tmp_path):
+    words = f"run={sheet_run}", f"weights={bright}", f"runs={tmp_path / 'runs'}", "format=frames"
     for count in (1, 2):
         frames = [
             {"transform_matrix": (torch.linalg.inv(plane_camera(i, 48, 64).world_to_camera)
@@ -178,10 +163,10 @@ def test_the_latest_splat_of_original_output_is_taken(tmp_path):
     assert splat_file(tmp_path).parent.name == "iteration_30000"
 
 
-def test_a_video_that_was_rendered_elsewhere_is_enhanced_and_keeps_its_sound(sheet_run, weights, tmp_path, capsys):
+def test_a_video_that_was_rendered_elsewhere_is_enhanced_and_keeps_its_sound(sheet_run, bright, tmp_path, capsys):
     """Its frames take the place of the splat's renders; those without a camera stay as they are."""
     whole = tmp_path / "whole"
-    common = f"run={sheet_run}", f"weights={weights}", f"runs={tmp_path / 'runs'}", "colour_clamping=0"
+    common = f"run={sheet_run}", f"weights={bright}", f"runs={tmp_path / 'runs'}", "colour_clamping=0"
     path = tmp_path / "path.json"
     entries = [
         {"camera_to_world": (torch.linalg.inv(plane_camera(i, 48, 64).world_to_camera) @ FLIPPED).flatten().tolist()}

@@ -3,8 +3,11 @@
 from fractions import Fraction
 from pathlib import Path
 
-import av
 import numpy as np
+import pytest
+import torch
+
+av = pytest.importorskip("av", reason="PyAV is in the dependency group `test`")
 
 VP9 = {"crf": "10", "b:v": "0", "deadline": "realtime", "cpu-used": "8"}
 GREYS = (0.1, 0.3, 0.5, 0.7, 0.9, 0.2)
@@ -42,3 +45,12 @@ def heard(path: Path) -> list[bytes]:
     """The packets of a video's sound."""
     with av.open(str(path)) as source:
         return [bytes(packet) for packet in source.demux(source.streams.audio[0]) if packet.size]
+
+
+def decoded(path: Path) -> list[torch.Tensor]:
+    """The frames of a video, (3, h, w) in [0, 1]."""
+    with av.open(str(path)) as source:
+        return [
+            torch.from_numpy(frame.to_ndarray(format="rgb24")).permute(2, 0, 1) / 255
+            for frame in source.decode(video=0)
+        ]

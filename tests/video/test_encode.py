@@ -7,6 +7,7 @@ import torch
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.video.encode import CODECS, Encoding, VideoWriter
+from support.clips import decoded
 
 av = pytest.importorskip("av", reason="PyAV is in the dependency group `test`")
 HEIGHT, WIDTH = 48, 64
@@ -17,14 +18,6 @@ def frame(index: int) -> torch.Tensor:
     image = torch.zeros(3, HEIGHT, WIDTH)
     image[0], image[1, :, WIDTH // 2 :], image[2, :, WIDTH // 2 :] = 0.8, 0.6, 8 * index / 255
     return image
-
-
-def decoded(path: Path) -> list[torch.Tensor]:
-    with av.open(str(path)) as source:
-        return [
-            torch.from_numpy(frame.to_ndarray(format="rgb24")).permute(2, 0, 1) / 255
-            for frame in source.decode(video=0)
-        ]
 
 
 def write(path: Path, encoding: Encoding, count: int) -> VideoWriter:
