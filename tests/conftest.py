@@ -8,8 +8,7 @@ import pytest
 import torch
 from hypothesis import HealthCheck, settings
 
-from gaussian_enhancer.splat.io.ply import write_ply
-from support.synthetic_runs import coloured_sheet, write_plane_run
+from support.synthetic_runs import coloured_sheet, copy_with_splat, write_plane_run
 
 CHROMIUM, DRIVER = Path("/usr/bin/chromium"), Path("/usr/bin/chromedriver")
 FLAGS = (
@@ -67,10 +66,7 @@ def other_plane_run(tmp_path_factory) -> Path:
 @pytest.fixture(scope="session")
 def sheet_run(plane_run, tmp_path_factory) -> Path:
     """The plane's run with a splat, a sheet of 24x24 Gaussians; not to be written into."""
-    folder = tmp_path_factory.mktemp("fitted") / "plane"
-    shutil.copytree(plane_run, folder)
-    write_ply(folder / "splat.ply", coloured_sheet(24))
-    return folder
+    return copy_with_splat(plane_run, tmp_path_factory.mktemp("fitted") / "plane", coloured_sheet(24))
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,5 @@
 """The Python API: forms of images, kept references, refusals, and equality with the command line."""
 
-import shutil
 import subprocess
 import sys
 import warnings
@@ -36,9 +35,9 @@ from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.splat.io.ply import write_ply
-from gaussian_enhancer.types import Gaussians
+from support.failures import interrupt
 from support.job_config import QUIET, job_config
-from support.synthetic_runs import coloured_sheet
+from support.synthetic_runs import coloured_sheet, coloured_slab, copy_with_splat
 
 NAMES = (
     "Camera",
@@ -347,28 +346,16 @@ def test_cameras_from_matrices():
             Camera.from_matrices(*arguments)
 
 
-def splat() -> Gaussians:
-    generator = torch.Generator().manual_seed(0)
-    means = torch.rand(200, 3, generator=generator) * torch.tensor([3.0, 3.0, 0.1]) + torch.tensor([-1.5, -1.5, 3.0])
-    return Gaussians(
-        means,
-        torch.full((200, 3), -2.0),
-        torch.tensor([1.0, 0, 0, 0]).repeat(200, 1),
-        torch.full((200,), 3.0),
-        torch.rand(200, 1, 3, generator=generator),
-    )
-
-
 def test_a_splat_is_read_and_rendered(views, tmp_path):
     (view, _), _ = views
-    write_ply(tmp_path / "splat.ply", splat())
+    write_ply(tmp_path / "splat.ply", coloured_slab())
     found = render(read_splat(tmp_path / "splat.ply"), view.camera, background=(1, 1, 1))
     assert found.colour.shape == (3, 48, 64)
     assert found.colour.std() > 0.05
     with pytest.raises(InputError, match="method: is 'nerf'; choose auto, 3dgs"):
-        render(splat(), view.camera, "nerf")
+        render(coloured_slab(), view.camera, "nerf")
     with pytest.raises(InputError, match=r"background: is \[0\.0, 0\.0, 255\.0\]; give three numbers from 0 to 1"):
-        render(splat(), view.camera, background=(0, 0, 255))
+        render(coloured_slab(), view.camera, background=(0, 0, 255))
 
 
 def test_weights_are_loaded():
@@ -408,7 +395,7 @@ def test_runs_and_splats_with_their_scene_are_enhanced(plane_run, tmp_path):
     views = read_run(plane_run).references
     photos = tuple(Photo(view.name, view.camera, view.read_photo) for view in views)
     scene = Scene("plane", photos, tuple(range(1, len(photos))), (0,))
-    write_ply(tmp_path / "splat.ply", splat())
+    write_ply(tmp_path / "splat.ply", coloured_slab())
     (written,) = enhance_folder(
         gaussians=tmp_path / "splat.ply", scene=scene, output=tmp_path / "splat", weights=weights, device="cpu"
     )
@@ -418,8 +405,7 @@ def test_runs_and_splats_with_their_scene_are_enhanced(plane_run, tmp_path):
 def test_a_splat_is_distilled_as_by_the_command(plane_run, tmp_path, monkeypatch):
     from gaussian_enhancer.cli.distil import run
 
-    fitted = shutil.copytree(plane_run, tmp_path / "plane")
-    write_ply(fitted / "splat.ply", coloured_sheet(24))
+    fitted = copy_with_splat(plane_run, tmp_path / "plane", coloured_sheet(24))
     save_weights(tmp_path / "a.safetensors", SIF((8, 8, 8), (1, 1, 1)), ReferenceConfig(), {"strength": 1.0})
     given = {"run": fitted, "weights": tmp_path / "a.safetensors"}
     words = [f"{name}={value}" for name, value in given.items()]
@@ -430,11 +416,8 @@ def test_a_splat_is_distilled_as_by_the_command(plane_run, tmp_path, monkeypatch
         asked = {"settings": few, "output": tmp_path / "api", "device": "cpu", "progress": False, **given, **other}
         return distil_splat(**asked)
 
-    def killed(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
-
     with monkeypatch.context() as patched:
-        patched.setattr("gaussian_enhancer.distil.distil.EnhancedViews.make", killed)
+        patched.setattr("gaussian_enhancer.distil.distil.EnhancedViews.make", interrupt)
         with pytest.raises(KeyboardInterrupt):
             distilled()
     with pytest.raises(InputError, match="belongs to a fit with other settings"):

@@ -19,18 +19,13 @@ from gaussian_enhancer.distil.settings import DistilSettings
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.splat.io.ply import write_ply
 from gaussian_enhancer.types import Gaussians
+from support.paths import DOCS
+from support.synthetic_runs import coloured_slab
 
-PAGE = Path(__file__).resolve().parents[1] / "docs/python.md"
+PAGE = DOCS / "python.md"
 FOLDERS = ("enhanced", "enhanced_run", "enhanced_views", "best_views")
 GL = torch.diag(torch.tensor([1.0, -1, -1, 1]))
 CAMERA = {"fl_x": 64, "fl_y": 64, "cx": 32, "cy": 24, "w": 64, "h": 48}
-
-
-def splat() -> Gaussians:
-    generator = torch.Generator().manual_seed(0)
-    means = torch.rand(200, 3, generator=generator) * torch.tensor([3.0, 3.0, 0.1]) + torch.tensor([-1.5, -1.5, 3.0])
-    scales, turns = torch.full((200, 3), -2.0), torch.tensor([1.0, 0, 0, 0]).repeat(200, 1)
-    return Gaussians(means, scales, turns, torch.full((200,), 3.0), torch.rand(200, 1, 3, generator=generator))
 
 
 def camera_to_world(camera: Camera) -> torch.Tensor:
@@ -70,7 +65,7 @@ class NerfstudioCameras(list):
 def scene(plane_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """The names that the page takes for granted, in a folder with the files that it names."""
     monkeypatch.chdir(tmp_path)
-    rendered, gaussians = read_run(plane_run), splat()
+    rendered, gaussians = read_run(plane_run), coloured_slab()
 
     def array(image: torch.Tensor) -> np.ndarray:
         return image.permute(1, 2, 0).numpy()

@@ -72,15 +72,28 @@ def coloured_sheet(side: int) -> Gaussians:
     return Gaussians(means, scales, turns, torch.full((count,), 4.0), colours)
 
 
+def coloured_slab() -> Gaussians:
+    """A thin slab of 200 Gaussians of random colours and places at depth 3."""
+    generator = torch.Generator().manual_seed(0)
+    means = torch.rand(200, 3, generator=generator) * torch.tensor([3.0, 3.0, 0.1]) + torch.tensor([-1.5, -1.5, 3.0])
+    scales, turns = torch.full((200, 3), -2.0), torch.tensor([1.0, 0, 0, 0]).repeat(200, 1)
+    return Gaussians(means, scales, turns, torch.full((200,), 3.0), torch.rand(200, 1, 3, generator=generator))
+
+
 def _write(path: Path, image: torch.Tensor) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     values = (image * 255).round().byte().permute(1, 2, 0).numpy()
     Image.fromarray(values[..., 0] if values.shape[2] == 1 else values).save(path)
 
 
+def copy_with_splat(run: Path, folder: Path, gaussians: Gaussians, name: str = "splat.ply") -> Path:
+    """A copy of a run with a splat in a file of this name."""
+    shutil.copytree(run, folder)
+    write_ply(folder / name, gaussians)
+    return folder
+
+
 def copy_with_moved_splat(run: Path, folder: Path) -> Path:
     """A copy of a run whose splat lies outside every view."""
-    shutil.copytree(run, folder)
     gaussians = read_ply(run / "splat.ply")
-    write_ply(folder / "splat.ply", replace(gaussians, means=gaussians.means + 50))
-    return folder
+    return copy_with_splat(run, folder, replace(gaussians, means=gaussians.means + 50))

@@ -1,6 +1,5 @@
 """A session on the plane's run, whose splat is a sheet of coloured Gaussians, and a network that brightens."""
 
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -8,20 +7,17 @@ import pytest
 import torch
 from omegaconf import DictConfig
 
-from gaussian_enhancer.splat.io.ply import write_ply
 from gaussian_enhancer.viewer.session import Session
 from gaussian_enhancer.viewer.source import open_session
 from support.bright_weights import write_bright_weights
 from support.job_config import QUIET, job_config
-from support.synthetic_runs import coloured_sheet
+from support.synthetic_runs import coloured_sheet, copy_with_splat
 
 
 @pytest.fixture(scope="session")
 def viewed(sheet_run, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("viewed") / "plane"
-    shutil.copytree(sheet_run, folder)
-    write_ply(folder / "distilled.ply", coloured_sheet(12))
-    return folder
+    return copy_with_splat(sheet_run, folder, coloured_sheet(12), "distilled.ply")
 
 
 @pytest.fixture(scope="session")
