@@ -8,10 +8,9 @@ from ablations.study.row_table import read_layout, row_table
 from ablations.study.rows import RowFile
 from gaussian_enhancer.infer.weights import NETWORKS
 from gaussian_enhancer.network.network import Network
-from support import paths
 from support.job_config import initialised
+from support.paths import ROOT
 
-ROOT = paths.ROOT
 PAPER = "gaussian_enhancer.network.paper."
 
 

@@ -12,10 +12,9 @@ from ablations.suite.descriptions import known_names, read_experiment, requested
 from ablations.suite.evaluation import compose_checked
 from ablations.suite.method_runs import Runs
 from gaussian_enhancer.runs.instantiate import build
-from support import paths
 from support.job_config import initialised, job_config
+from support.paths import ROOT
 
-ROOT = paths.ROOT
 NAMES = [name for group in known_names().values() for name in group]
 
 

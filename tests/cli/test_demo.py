@@ -6,14 +6,13 @@ from pathlib import Path
 
 import pytest
 import torch
-from hydra import compose
 
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.cli import demo
 from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.network.sif import SIF
-from support.job_config import initialised
+from support.job_config import job_config, run_job
 
 SMALL = (
     "scene.views=9",
@@ -34,10 +33,8 @@ def weights(tmp_path: Path) -> Path:
 
 def run_demo(tmp_path: Path, weights: Path) -> float | None:
     runs = (f"runs={tmp_path / 'runs'}", f"weights={weights}", "runtime.threads=1", "runtime.progress=false")
-    with initialised():
-        return demo.run(
-            compose("demo", overrides=[*SMALL, "+settings.start_gaussians=400", "+settings.init=points", *runs])
-        )
+    few = ("+settings.start_gaussians=400", "+settings.init=points")
+    return run_job(demo.run, job_config("demo", *SMALL, *few, *runs))
 
 
 @pytest.mark.slow

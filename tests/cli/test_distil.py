@@ -24,8 +24,8 @@ from gaussian_enhancer.splat.filters import filter_size
 from gaussian_enhancer.splat.io.open import read_splat
 from gaussian_enhancer.splat.io.ply import read_ply, write_ply
 from gaussian_enhancer.types import Gaussians
-from support.job_config import QUIET, initialised, job_config
-from support.synthetic_runs import coloured_sheet, copy_with_moved_splat, plane_camera
+from support.job_config import QUIET, job_config, run_job
+from support.synthetic_runs import coloured_sheet, copy_with_moved_splat, copy_with_splat, plane_camera
 
 STEPS = 40
 CAMERAS = [plane_camera(index, 48, 64) for index in range(8)]
@@ -44,15 +44,9 @@ def kinds() -> dict[str, Gaussians]:
     }
 
 
-def fitted_as(plane_run: Path, folder: Path, gaussians: Gaussians) -> Path:
-    shutil.copytree(plane_run, folder)
-    write_ply(folder / "splat.ply", gaussians)
-    return folder
-
-
 @pytest.fixture(scope="module")
 def fitted(plane_run, tmp_path_factory) -> Path:
-    return fitted_as(plane_run, tmp_path_factory.mktemp("fitted") / "plane", kinds()["3dgs"])
+    return copy_with_splat(plane_run, tmp_path_factory.mktemp("fitted") / "plane", kinds()["3dgs"])
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +66,7 @@ def words(fitted, weights, tmp_path) -> tuple[str, ...]:
 @pytest.mark.parametrize("kind", ["3dgs", "2dgs", "mip_splatting"])
 def test_a_run_becomes_a_better_run_of_the_same_kind(plane_run, words, weights, tmp_path, kind, capsys):
     before = kinds()[kind]
-    source = fitted_as(plane_run, tmp_path / "source", before)
+    source = copy_with_splat(plane_run, tmp_path / "source", before)
     after = run(configured(*words, f"run={source}", f"output={tmp_path / 'better'}"))
     assert sorted(path.name for path in (tmp_path / "better").iterdir()) == sorted(
         ["cameras.json", "cfg_args", "config.yaml", "done", "records.jsonl", "rounds", "splat.ply", "test", "train"]
@@ -104,9 +98,7 @@ def test_enhance_distils_first_where_it_is_asked_to(fitted, weights, tmp_path, m
     overrides = f"run={fitted}", f"weights={weights}", f"runs={tmp_path / 'runs'}", "distil=true"
 
     def started(*extra: str) -> None:
-        cfg = configured(*overrides, *extra, job="enhance")
-        with initialised():
-            enhance(cfg)
+        run_job(enhance, configured(*overrides, *extra, job="enhance"))
 
     started(f"output={tmp_path / 'once'}")
     (distilled_run,) = (tmp_path / "runs/distil").iterdir()

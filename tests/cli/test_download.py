@@ -3,17 +3,14 @@
 from pathlib import Path
 
 import pytest
-from hydra import compose
 from omegaconf import DictConfig
 
 from ablations.suite.inputs import missing_inputs
 from gaussian_enhancer.cli import download
 from gaussian_enhancer.errors import InputError
-from support import paths
 from support.archive_server import Served, serving, sha256, zipped
-from support.job_config import initialised, job_config
+from support.job_config import job_config
 
-CONF = paths.CONF
 SCENES = {
     f"{scene}/{part}": f"{scene} {part}".encode() * 30
     for scene in ("garden", "room")
@@ -117,8 +114,7 @@ def test_archive_put_there_by_hand_is_checked_and_used(tmp_path):
 
 def test_job_brings_what_the_scene_misses(tmp_path, monkeypatch):
     monkeypatch.setenv("GAUSSIAN_ENHANCER_DATASETS", str(tmp_path))
-    with initialised():
-        scene = compose("fit", ["scene=datasets/garden"]).scene
+    scene = job_config("fit", "scene=datasets/garden").scene
     assert [path.name for path, _ in missing_inputs(scene)] == ["images_4", "0"]
     with serving(zipped(SCENES)) as served:
         download.run(configured(tmp_path, served, "mip_nerf_360", "scenes=[garden]"))

@@ -25,13 +25,11 @@ from gaussian_enhancer.scene.renders import OWN_RUN_FILES, read_run
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.io.ply import write_ply
 from gaussian_enhancer.types import Gaussians, quantise_8_bit
-from support import paths
-from support.bright_weights import write_bright_weights
+from support.bright_weights import bright_network
+from support.failures import interrupt
 from support.job_config import job_config
 from support.synthetic_runs import plane_camera, write_plane_run
 from support.textured_corner import write_corner
-
-CONF = paths.CONF
 
 
 def configured(*overrides: str):
@@ -69,13 +67,10 @@ def test_a_run_is_enhanced_into_a_run_that_can_be_measured(plane_run, weights, t
 def test_a_run_that_is_enhanced_again_and_stopped_is_not_done(plane_run, weights, tmp_path, monkeypatch):
     from gaussian_enhancer.cli import enhance
 
-    def stopped(*_: object) -> None:
-        raise KeyboardInterrupt
-
     options = (f"run={plane_run}", f"weights={weights}", f"runs={tmp_path}")
     run(configured(*options))
     with monkeypatch.context() as patched:
-        patched.setattr(enhance, "write_enhanced", stopped)
+        patched.setattr(enhance, "write_enhanced", interrupt)
         with pytest.raises(KeyboardInterrupt):
             run(configured(*options))
     (folder,) = (tmp_path / "enhance").iterdir()
@@ -109,10 +104,7 @@ def test_frames_of_a_path_are_enhanced_by_one_process(plane_run, tmp_path):
 
 
 def test_strength_is_the_cards_unless_it_is_asked_for(plane_run, tmp_path):
-    torch.manual_seed(0)
-    network = SIF((8, 8, 8), (1, 1, 1))
-    torch.nn.init.constant_(network.decode.head.bias, 0.2)
-    save_weights(tmp_path / "a.safetensors", network, ReferenceConfig(), {"strength": 0})
+    save_weights(tmp_path / "a.safetensors", bright_network(0.2), ReferenceConfig(), {"strength": 0})
     options = [f"run={plane_run}", f"weights={tmp_path / 'a.safetensors'}"]
     run(configured(*options, f"output={tmp_path / 'card'}"))
     assert same(tmp_path / "card", plane_run / "test/ours_100/renders")
@@ -145,12 +137,6 @@ def test_a_folder_of_renders_with_photos_with_and_without_geometry(plane_run, we
     assert "cannot be reprojected" not in capsys.readouterr().err.replace("\n", " ")
     assert same(tmp_path / "bare", side / "renders")
     assert same(tmp_path / "b", side / "renders")
-
-
-@pytest.fixture(scope="module")
-def bright(tmp_path_factory) -> Path:
-    """A network that brightens what it sees."""
-    return write_bright_weights(tmp_path_factory.mktemp("weights"), strength=1.0)
 
 
 def equal_files(folder: Path, renders: Path) -> bool:

@@ -7,9 +7,7 @@ from omegaconf import OmegaConf
 
 from gaussian_enhancer.cli import main as cli
 from gaussian_enhancer.cli.help import help_text
-from support import paths
-
-CONF = paths.ROOT / "conf"
+from support.paths import CONF
 
 
 @pytest.mark.parametrize("job", cli.JOBS)

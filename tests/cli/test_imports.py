@@ -8,9 +8,7 @@ import pytest
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.network.sif import SIF
-from support import paths
 
-CONF = paths.CONF
 HEAVY = (
     "gsplat",
     "kornia",

@@ -20,10 +20,11 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import build, require
 from gaussian_enhancer.runs.run import digest_of, open_run
 from gaussian_enhancer.runs.runtime import choose_device
-from support import paths
-from support.job_config import initialised
+from support.failures import interrupt
+from support.job_config import initialised, job_config
+from support.paths import CONF
 
-BASE = paths.ROOT / "conf" / "base.yaml"
+BASE = CONF / "base.yaml"
 
 
 class Toy(options.Options):
@@ -132,10 +133,7 @@ def test_the_other_runs_of_a_sweep_are_made_where_one_is_refused(toy_job, capsys
 
 @pytest.mark.parametrize("sweep", [(), ("-m",)], ids=["run", "multirun"])
 def test_ctrl_c_is_one_line_and_exit_code_130(toy_job, capsys, monkeypatch, sweep):
-    def run(cfg):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(sys.modules["gaussian_enhancer.cli.toy"], "run", run)
+    monkeypatch.setattr(sys.modules["gaussian_enhancer.cli.toy"], "run", interrupt)
     with pytest.raises(SystemExit) as stop:
         cli.main(["toy", *sweep])
     assert stop.value.code == 130
@@ -145,13 +143,10 @@ def test_ctrl_c_is_one_line_and_exit_code_130(toy_job, capsys, monkeypatch, swee
 
 
 def test_a_measurement_that_is_stopped_begins_anew(toy_job, capsys, monkeypatch):
-    def run(cfg):
-        raise KeyboardInterrupt
-
     monkeypatch.setitem(cli.BENCHMARKS, "toy", "a toy")
     monkeypatch.setattr(cli, "RESTARTED", {"toy"})
     module = types.ModuleType("ablations.benchmarks.toy")
-    module.run = run
+    module.run = interrupt
     monkeypatch.setitem(sys.modules, "ablations.benchmarks.toy", module)
     with pytest.raises(SystemExit) as stop:
         cli.main(["toy"])
@@ -192,13 +187,12 @@ def test_every_job_has_options_that_its_own_configuration_meets():
                     cfg[name] = "folder"
             options.check_options(job, cfg)
             assert job in options.OPTIONS or job in ablation_options.OPTIONS
-            assert set(OmegaConf.load(paths.ROOT / "conf" / f"{job}.yaml")) <= known(job)
+            assert set(OmegaConf.load(CONF / f"{job}.yaml")) <= known(job)
 
 
 def test_groups_may_be_added_to_jobs_that_refuse_unknown_options():
-    with initialised():
-        groups = ["+sweep=two_jobs", "scene=indoor", "+scene/imperfections=phone", "+scene.background=[0,0,0]"]
-        options.check_options("enhance", compose("enhance", groups))
+    groups = ["+sweep=two_jobs", "scene=indoor", "+scene/imperfections=phone", "+scene.background=[0,0,0]"]
+    options.check_options("enhance", job_config("enhance", *groups))
 
 
 def test_every_job_has_a_module_that_runs_it():
@@ -317,9 +311,8 @@ def test_unset_environment_variable_is_named(monkeypatch):
 
 def test_no_group_takes_the_name_of_a_jobs_own_key() -> None:
     """Hydra would read ``variant=x`` as a choice of the group ``variant``, and refuse it."""
-    conf = paths.ROOT / "conf"
-    groups = {folder.name for folder in conf.iterdir() if folder.is_dir()}
-    for job in conf.glob("*.yaml"):
+    groups = {folder.name for folder in CONF.iterdir() if folder.is_dir()}
+    for job in CONF.glob("*.yaml"):
         values = OmegaConf.load(job)
         chosen = str(values.get("defaults", ""))  # a group that the job chooses from may be added to below
         assert not [key for key in groups & set(values) if f"'{key}'" not in chosen], job.name

@@ -8,11 +8,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from hydra import compose, initialize_config_dir
+from hydra import compose
 
-from support import paths
+from support.job_config import initialised
 
-CONF = paths.CONF
 SMALL = ("fusion=sif", "fusion.widths=[8,8,8]", "data.augmentation.crop=32", "data.loading.batch_size=2")
 LAUNCHERS = {
     "joblib": ["+sweep=two_jobs"],
@@ -45,7 +44,7 @@ def test_every_job_is_a_finished_run_and_equal_jobs_are_done_once(launcher, plan
 
 
 def test_a_cluster_gets_the_same_jobs():
-    with initialize_config_dir(CONF, version_base="1.3"):
+    with initialised():
         cfg = compose("train", ["+sweep=slurm", "data.train=[]", "data.validation=[]"], return_hydra_config=True)
     assert cfg.hydra.launcher._target_.endswith("SlurmLauncher")
     assert cfg.hydra.launcher.gpus_per_node == 1
@@ -56,7 +55,7 @@ def test_a_search_by_optuna_composes_and_names_options_that_there_are():
     from hydra_plugins.hydra_optuna_sweeper._impl import create_params_from_overrides
     from omegaconf import OmegaConf
 
-    with initialize_config_dir(CONF, version_base="1.3"):
+    with initialised():
         cfg = compose("train", ["+sweep=optuna", "data.train=[]", "data.validation=[]"], return_hydra_config=True)
     sweeper = cfg.hydra.sweeper
     assert sweeper._target_.endswith("OptunaSweeper")

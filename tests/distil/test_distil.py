@@ -14,11 +14,11 @@ from gaussian_enhancer.distil.new_cameras import new_cameras
 from gaussian_enhancer.distil.settings import DistilSettings
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
-from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.filters import filter_size
 from gaussian_enhancer.splat.methods import MipSplatting, ThreeDGS, TwoDGS
+from support.bright_weights import bright_network
 from support.synthetic_runs import coloured_sheet, plane_camera, plane_view
 
 SIZE = 48, 64
@@ -59,10 +59,7 @@ def sheet(method=None) -> SplatRenderer:
 @pytest.fixture(scope="module")
 def enhancer() -> SetEnhancer:
     """A network that brightens what it sees."""
-    torch.manual_seed(0)
-    network = SIF((8, 8, 8), (1, 1, 1))
-    torch.nn.init.constant_(network.decode.head.bias, 0.1)
-    return SetEnhancer(network, ReferenceConfig(), precision="float32", pass_through=True)
+    return SetEnhancer(bright_network(), ReferenceConfig(), precision="float32", pass_through=True)
 
 
 def equal(first, second) -> bool:

@@ -18,9 +18,9 @@ from gaussian_enhancer.metrics.records import Record, read_records
 from gaussian_enhancer.splat.io.open import read_splat
 from gaussian_enhancer.splat.io.ply import write_ply
 from support.captures_on_disk import write_transforms
+from support.job_config import QUIET
 from support.synthetic_runs import coloured_sheet, write_plane_run
 
-QUIET = ("runtime.threads=1", "runtime.progress=false", "runtime.device=cpu")
 SMALL = (
     "settings.max_gaussians=60",
     "++settings.start_gaussians=60",

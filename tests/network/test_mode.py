@@ -1,6 +1,5 @@
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
 from gaussian_enhancer.align.alignment import Unwarped
@@ -14,10 +13,10 @@ from gaussian_enhancer.network.paper.ssif_sr import PaperSSIFSR
 from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.runs.instantiate import build
-from support import paths
+from support.job_config import job_config
 from support.networks import views
+from support.paths import CONF
 
-CONF = paths.ROOT / "conf"
 ROWS = {
     "all": {
         "alignment",
@@ -59,8 +58,7 @@ ROWS = {
 
 
 def composed(*overrides: str) -> DictConfig:
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        return compose("train", ["data.train=[a]", "data.validation=[b]", "size=tiny", *overrides])
+    return job_config("train", "data.train=[a]", "data.validation=[b]", "size=tiny", *overrides)
 
 
 def flat(node: DictConfig) -> dict[str, object]:

@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hydra import compose, initialize_config_dir
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -13,9 +12,8 @@ from gaussian_enhancer.cli import enhance
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.presets import Preset, choose_preset, read_presets, write_presets
 from gaussian_enhancer.runs import time_budget as budget
-from support import paths
+from support.job_config import job_config, run_job
 
-CONF = paths.CONF
 FAST = Preset("lr_tiny/0 references", "lr_tiny", ("max_references=0",), 1000.0, 28.0, "a machine", "abc")
 GOOD = Preset("lr_tiny/2 references", "lr_tiny", ("max_references=2",), 4000.0, 29.0, "a machine", "abc")
 BEST = Preset("lr_tiny/3 references", "lr_tiny", (), 16000.0, 30.0, "a machine", "abc")
@@ -69,8 +67,7 @@ def offered(tmp_path, monkeypatch) -> Path:
 
 def enhanced(offered: Path, run: Path, *overrides: str):
     words = [f"run={run}", f"runs={offered / 'runs'}", "runtime.threads=1", "runtime.progress=false", *overrides]
-    with initialize_config_dir(CONF, version_base="1.3"):
-        enhance.run(compose("enhance", words))
+    run_job(enhance.run, job_config("enhance", *words))
     return sorted((offered / "runs/enhance").glob("*/config.yaml"))
 
 

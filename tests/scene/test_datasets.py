@@ -7,10 +7,8 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene import datasets
 from gaussian_enhancer.scene.datasets import dataset_names, dataset_of, published_dataset
 from gaussian_enhancer.scene.published import load_published
-from support import paths
+from support.paths import CONF
 from support.published_on_disk import write_synthetic
-
-CONF = paths.ROOT / "conf"
 
 
 def values(name: str) -> dict:

@@ -3,5 +3,5 @@
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-CONF = str(ROOT / "conf")
+CONF = ROOT / "conf"
 DOCS = ROOT / "docs"

@@ -8,12 +8,10 @@ from ablations.jobs import tables
 from ablations.suite.descriptions import read_experiment, requested_names
 from ablations.suite.plan import PlannedRun, plan_runs
 from gaussian_enhancer.metrics.records import read_records
-from support import paths
-from support.job_config import initialised, job_config
+from support.job_config import QUIET, initialised, job_config, run_job
 
-CONF = paths.CONF
-QUIET = ("runtime.threads=1", "runtime.progress=false", "runtime.device=cpu", "workers=1")
-TINY = (f"hydra.searchpath=[file://{Path(__file__).parent / 'suite'}]", "scale=tiny", "results=results", *QUIET)
+SUITE = f"hydra.searchpath=[file://{Path(__file__).parent / 'suite'}]"
+TINY = (SUITE, "scale=tiny", "results=results", *QUIET, "workers=1")
 
 
 def configured(*overrides: str) -> DictConfig:
@@ -23,9 +21,7 @@ def configured(*overrides: str) -> DictConfig:
 
 def started(*overrides: str) -> None:
     """Run the job in the current folder."""
-    cfg = configured(*overrides)
-    with initialised():
-        tables.run(cfg)
+    run_job(tables.run, configured(*overrides))
 
 
 def plan(*overrides: str) -> list[PlannedRun]:

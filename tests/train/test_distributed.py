@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
 from safetensors.torch import load_file
 
 from gaussian_enhancer.align.references import ReferenceConfig
@@ -19,18 +18,16 @@ from gaussian_enhancer.train.crops import BalancedDraw, Collate, Crops, SharedCo
 from gaussian_enhancer.train.processes import launch
 from gaussian_enhancer.train.samples import prepare_samples
 from gaussian_enhancer.train.share import SharedBatches, SharedCrops
-from support import paths
 from support.command import run_command
 from support.failing_processes import dies, refuses
+from support.job_config import job_config
 from support.synthetic_runs import write_plane_run
 
-CONF = paths.CONF
 FAST = ("lr_scheduler.lr_lambda.warmup=1", "callbacks.ema.multi_avg_fn.decay=0.5")
 
 
 def configured(job: str, *overrides: str):
-    with initialize_config_dir(CONF, version_base="1.3"):
-        return compose(job, [*overrides, "runtime.progress=false", "runtime.threads=1"])
+    return job_config(job, *overrides, "runtime.progress=false", "runtime.threads=1")
 
 
 def options(train: Path, validation: Path, runs: Path) -> list[str]:

@@ -1,12 +1,10 @@
 """A short training under each logger: what it kept, and that a training that goes on is the same run."""
 
-import csv
 import json
 import math
 from pathlib import Path
 
 import pytest
-from hydra import compose, initialize_config_dir
 from lightning.pytorch.loggers import CSVLogger
 from PIL import Image
 
@@ -15,10 +13,11 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.run import result_values, run_digest
 from gaussian_enhancer.train.loggers import ResumableCSVLogger, make_loggers
 from gaussian_enhancer.train.trainer import device_count, spawn_count
-from support import paths
+from support.csv_log import logged_rows
+from support.failures import fill_disk
+from support.job_config import job_config
 from support.wandb_log import history, records
 
-CONF = paths.CONF
 SMALL = (
     "fusion=sif",
     "fusion.widths=[8,8,8]",
@@ -31,8 +30,7 @@ SHORT = ("trainer=smoke", "trainer.max_steps=4", "save_every=3", "runtime.progre
 
 
 def configured(*overrides: str):
-    with initialize_config_dir(CONF, version_base="1.3"):
-        return compose("train", [*SMALL, *QUICK, *SHORT, *overrides])
+    return job_config("train", *SMALL, *QUICK, *SHORT, *overrides)
 
 
 def trained(logger: str, train: Path, validation: Path, runs: Path, *others: str) -> Path:
@@ -42,16 +40,11 @@ def trained(logger: str, train: Path, validation: Path, runs: Path, *others: str
     return folder
 
 
-def rows_of(folder: Path) -> list[dict[str, str]]:
-    with (folder / "log/metrics.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def scalars(folder: Path) -> dict[tuple[str, int], float]:
     """The last value of each scalar at each step."""
     return {
         (name, int(row["step"])): float(value)
-        for row in rows_of(folder)
+        for row in logged_rows(folder)
         for name, value in row.items()
         if value and name != "step" and not name.startswith("time/")
     }
@@ -120,7 +113,7 @@ def test_a_training_that_goes_on_is_the_same_run(by_wandb, plane_run, other_plan
     for name in ("done", "card.json", "weights.safetensors"):
         (by_wandb / name).unlink()
     trained("wandb", plane_run, other_plane_run, by_wandb.parents[1], "study=gates")
-    steps = [int(row["step"]) for row in rows_of(by_wandb) if row["train/total"]]
+    steps = [int(row["step"]) for row in logged_rows(by_wandb) if row["train/total"]]
     assert steps == [0, 1, 2, 3]  # the checkpoint was at step 3: nothing is lost, nothing there twice
     after = scalars(by_wandb)
     assert after.keys() == before.keys()
@@ -154,7 +147,7 @@ def test_rows_from_the_first_step_that_is_logged_again_are_dropped(tmp_path):
     second = ResumableCSVLogger(tmp_path, name=None, version="log")
     second.log_metrics({"a": 20.0, "b": 1.0}, 2)
     second.save()
-    assert [(row["step"], row["a"], row["b"]) for row in rows_of(tmp_path)] == [
+    assert [(row["step"], row["a"], row["b"]) for row in logged_rows(tmp_path)] == [
         ("0", "0.0", ""),
         ("1", "1.0", ""),
         ("2", "20.0", "1.0"),
@@ -176,7 +169,7 @@ def test_a_file_that_was_cut_loses_the_row_that_was_being_written(kept, tmp_path
     for step in range(known, 4):
         second.log_metrics({"a": 1000.0 + step}, step)
         second.save()
-    assert rows_of(tmp_path) == rows_of(whole)
+    assert logged_rows(tmp_path) == logged_rows(whole)
 
 
 def test_no_file_is_cut_when_the_disk_is_full_at_new_columns(tmp_path, monkeypatch):
@@ -185,14 +178,10 @@ def test_no_file_is_cut_when_the_disk_is_full_at_new_columns(tmp_path, monkeypat
     logger.save()
     before = (tmp_path / "log/metrics.csv").read_bytes()
     logger.log_metrics({"a": 2.0, "b": 1.0}, 1)
-    monkeypatch.setattr("csv.DictWriter.writerows", full)
+    monkeypatch.setattr("csv.DictWriter.writerows", fill_disk)
     with pytest.raises(InputError, match="No space left"):
         logger.save()
     assert (tmp_path / "log/metrics.csv").read_bytes() == before
-
-
-def full(*_):
-    raise OSError(28, "No space left on device")
 
 
 def test_neither_logger_nor_study_nor_processes_make_another_run():

@@ -26,17 +26,13 @@ from gaussian_enhancer.train.optimizers import decayed_groups
 from gaussian_enhancer.train.optimizers import optimizer_configuration as made_optimizer
 from gaussian_enhancer.train.run_samples import RunSamples, find_runs
 from gaussian_enhancer.train.schedule import WarmupCosine
-from support import paths
 from support.command import run_command
-
-CONF = paths.CONF
+from support.job_config import job_config
+from support.paths import CONF
 
 
 def configured(*overrides: str):
-    from hydra import compose, initialize_config_dir
-
-    with initialize_config_dir(CONF, version_base="1.3"):
-        return compose("train", list(overrides))
+    return job_config("train", *overrides)
 
 
 def settings(train: Path, validation: Path, runs: Path, *others: str) -> list[str]:
@@ -86,13 +82,10 @@ def test_every_fusion_builds(fusion):
     assert build(cfg.fusion).design
 
 
-@pytest.mark.parametrize("recipe", sorted(path.stem for path in Path(CONF, "recipe").glob("*.yaml")))
+@pytest.mark.parametrize("recipe", sorted(path.stem for path in (CONF / "recipe").glob("*.yaml")))
 def test_every_recipe_composes_and_names_no_scene_that_is_kept_for_tests(recipe):
-    from hydra import compose, initialize_config_dir
-
     job = "train_generator" if recipe == "simulator" else "train"
-    with initialize_config_dir(CONF, version_base="1.3"):
-        cfg = compose(job, [f"+recipe={recipe}"])
+    cfg = job_config(job, f"+recipe={recipe}")
     if job == "train":
         build(cfg.fusion)
     sources = [*cfg.data.train, *cfg.data.validation]

@@ -1,13 +1,11 @@
 """The paper's five variants, ours and the paper's own, compose with the recipes and build what they name."""
 
 import pytest
-from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 
 from gaussian_enhancer.runs.instantiate import build
-from support import paths
+from support.job_config import job_config
 
-CONF = paths.CONF
 TYPES = {"blur", "noise", "sensor", "jpeg", "downsampling", "needle", "banding", "cloudy", "floater", "colour"}
 """The paper's artefacts; ``displacement`` is ours."""
 VARIANTS = [
@@ -21,8 +19,7 @@ VARIANTS = [
 
 
 def composed(*overrides: str) -> DictConfig:
-    with initialize_config_dir(CONF, version_base="1.3"):
-        return compose("train", [*overrides, "size=tiny"])
+    return job_config("train", *overrides, "size=tiny")
 
 
 @pytest.mark.parametrize(("variant", "network", "two_stages"), VARIANTS)

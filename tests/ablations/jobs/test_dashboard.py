@@ -3,17 +3,15 @@
 from pathlib import Path
 
 import pytest
-from hydra import compose
 
 from ablations.jobs import dashboard
 from gaussian_enhancer.errors import InputError
 from support.dashboard_samples import write_results, write_runs
-from support.job_config import initialised
+from support.job_config import job_config, run_job
 
 
 def make(*overrides: str) -> None:
-    with initialised():
-        dashboard.run(compose("dashboard", overrides=list(overrides)))
+    run_job(dashboard.run, job_config("dashboard", *overrides))
 
 
 def test_the_page_and_its_pictures_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

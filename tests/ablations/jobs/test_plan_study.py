@@ -4,8 +4,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-import torch
-from hydra import compose
 from omegaconf import DictConfig, open_dict
 
 from ablations.jobs import plan_study
@@ -13,21 +11,15 @@ from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.metrics.records import read_records
-from gaussian_enhancer.network.sif import SIF
-from support import paths
-from support.job_config import initialised, job_config
+from support.bright_weights import bright_network
+from support.job_config import job_config, run_job
 from support.synthetic_runs import write_plane_run
-
-CONF = paths.CONF
 
 
 @pytest.fixture
 def configured(tmp_path, monkeypatch) -> Callable[..., DictConfig]:
     """The job's configuration for one scene whose fit is a tiny run, and one that is not fitted."""
-    torch.manual_seed(0)
-    network = SIF((8, 8), (1, 1))
-    torch.nn.init.constant_(network.decode.head.bias, 0.2)
-    save_weights(tmp_path / "w.safetensors", network, ReferenceConfig(), {})
+    save_weights(tmp_path / "w.safetensors", bright_network(0.2, levels=2), ReferenceConfig(), {})
     fit = write_plane_run(tmp_path / "fit/plane-3dgs-0", views=8, size=(32, 48))
 
     def fitted(cfg: DictConfig, cell) -> Path:
@@ -49,13 +41,8 @@ def configured(tmp_path, monkeypatch) -> Callable[..., DictConfig]:
     return of
 
 
-def started(cfg: DictConfig) -> float | None:
-    with initialised():
-        return plan_study.run(cfg)
-
-
 def test_every_plan_is_measured_on_the_same_views_and_the_page_is_made_of_the_records(configured, tmp_path):
-    ratio = started(configured())
+    ratio = run_job(plan_study.run, configured())
     assert ratio is not None
     assert ratio > 0
     records = read_records(tmp_path / "results/leaving_out_test.jsonl")
@@ -72,7 +59,7 @@ def test_every_plan_is_measured_on_the_same_views_and_the_page_is_made_of_the_re
     assert "Not measured yet: `gaussian-enhancer plan_study worlds=training`" in page
     assert f"| {ratio:.2f} (" in page
     before = page, (tmp_path / "results/leaving_out.svg").read_text()
-    started(configured("records_only=true"))
+    run_job(plan_study.run, configured("records_only=true"))
     assert before == (
         (tmp_path / "docs/results/plan.md").read_text(),
         (tmp_path / "results/leaving_out.svg").read_text(),
@@ -81,19 +68,16 @@ def test_every_plan_is_measured_on_the_same_views_and_the_page_is_made_of_the_re
 
 def test_an_unknown_plan_is_refused_and_worlds_are_kept_apart(configured):
     with pytest.raises(InputError, match="names no 'bold'"):
-        started(configured("shown=bold"))
+        run_job(plan_study.run, configured("shown=bold"))
     seeds = {name: str(configured(f"worlds={name}").worlds.plans) for name in ("test", "training")}
     assert seeds["test"] != seeds["training"]
 
 
 def test_training_worlds_are_none_of_the_test_worlds():
-    with initialised():
-        fits = {
-            name: {
-                word for cell in compose("plan_study", [f"worlds={name}"]).worlds.cells.values() for word in cell.fit
-            }
-            for name in ("test", "training")
-        }
+    fits = {
+        name: {word for cell in job_config("plan_study", f"worlds={name}").worlds.cells.values() for word in cell.fit}
+        for name in ("test", "training")
+    }
     assert "scene.seed=3000" in fits["test"]
     assert "scene.seed=3000" not in fits["training"]
     assert not {word for word in fits["training"] & fits["test"] if "seed" in word}

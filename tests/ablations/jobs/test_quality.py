@@ -6,7 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-import torch
 from hydra import compose
 from omegaconf import DictConfig, open_dict
 
@@ -18,11 +17,12 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.metrics.pair import measure_pair
 from gaussian_enhancer.metrics.records import read_records, write_records
-from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.runs.instantiate import plain_values
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.scene.photos import read_photo
-from support.job_config import initialised, job_config
+from support.bright_weights import bright_network
+from support.failures import interrupt
+from support.job_config import initialised, job_config, run_job
 from support.synthetic_runs import write_plane_run
 
 
@@ -43,10 +43,7 @@ def fits(monkeypatch) -> list[DictConfig]:
 
 def network(path: Path, bias: float = 0.0) -> Path:
     """A network that returns the render, or one that adds a constant."""
-    torch.manual_seed(0)
-    built = SIF((8, 8), (1, 1))
-    torch.nn.init.constant_(built.decode.head.bias, bias)
-    save_weights(path, built, ReferenceConfig(), {})
+    save_weights(path, bright_network(bias, levels=2), ReferenceConfig(), {})
     return path
 
 
@@ -65,18 +62,13 @@ def configured(tmp_path) -> Callable[..., DictConfig]:
     return of
 
 
-def started(cfg: DictConfig) -> float | None:
-    with initialised():
-        return quality.run(cfg)
-
-
 def page_of(tmp_path: Path) -> str:
     return (tmp_path / "docs/q.md").read_text(encoding="utf-8")
 
 
 def test_numbers_on_the_page_are_those_of_images_on_disk(fits, configured, tmp_path) -> None:
     weights = network(tmp_path / "w.safetensors", bias=0.05)
-    gain = started(configured(ours={"role": "ours", "weights": str(weights)}))
+    gain = run_job(quality.run, configured(ours={"role": "ours", "weights": str(weights)}))
     found = read_records(tmp_path / "q.jsonl")
     assert {(r.scene, r.splat, r.variant) for r in found} == {
         ("unbounded", f"3dgs/{density}", f"lr/{method}")
@@ -104,7 +96,7 @@ def test_numbers_on_the_page_are_those_of_images_on_disk(fits, configured, tmp_p
 def test_sparse_and_dense_are_fitted_as_their_jobs_are_and_measured_on_the_views_asked_for(
     fits, configured, tmp_path
 ) -> None:
-    started(configured(ours={"role": "ours", "weights": str(network(tmp_path / "w.safetensors"))}))
+    run_job(quality.run, configured(ours={"role": "ours", "weights": str(network(tmp_path / "w.safetensors"))}))
     dense, sparse = fits
     assert (dense.scene.seed, dense.settings.steps, dense.scene.split.train_every) == (2000, 1000, 1)
     assert (sparse.scene.split.train_every, sparse.scene.split.unused_as_test) == (3, True)
@@ -126,14 +118,14 @@ def test_what_was_done_is_not_done_again_and_changed_weights_are(fits, configure
     monkeypatch.setattr(pipeline.enhance, "run", lambda job: (enhancements.append(job), enhance(job)))
     monkeypatch.setattr(cells, "measure_files", measured)
     ours = {"role": "ours", "weights": str(weights)}
-    started(configured(ours=ours))
+    run_job(quality.run, configured(ours=ours))
     assert (len(fits), len(enhancements), len(measurements)) == (2, 2, 4)
     before, page = (tmp_path / "q.jsonl").read_text(), page_of(tmp_path)
-    started(configured(ours=ours))
+    run_job(quality.run, configured(ours=ours))
     assert (len(fits), len(enhancements), len(measurements)) == (2, 2, 4)
     assert ((tmp_path / "q.jsonl").read_text(), page_of(tmp_path)) == (before, page)
     network(weights, bias=0.1)
-    started(configured(ours=ours))
+    run_job(quality.run, configured(ours=ours))
     assert (len(fits), len(enhancements), len(measurements)) == (2, 4, 6)
     assert page_of(tmp_path) != page
 
@@ -142,15 +134,12 @@ def test_a_killed_study_goes_on(fits, configured, tmp_path, monkeypatch) -> None
     cfg = configured(ours={"role": "ours", "weights": str(network(tmp_path / "w.safetensors"))})
     enhance = pipeline.enhance.run
 
-    def killed(job: DictConfig) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(pipeline.enhance, "run", killed)
+    monkeypatch.setattr(pipeline.enhance, "run", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        started(cfg)
+        run_job(quality.run, cfg)
     assert not (tmp_path / "q.jsonl").exists()
     monkeypatch.setattr(pipeline.enhance, "run", enhance)
-    started(cfg)
+    run_job(quality.run, cfg)
     assert len(fits) == 2
 
 
@@ -159,7 +148,7 @@ def test_an_aim_that_fails_is_said_to_fail_and_frames_made_worse_are_named(fits,
         "ours": {"role": "ours", "weights": str(network(tmp_path / "w.safetensors"))},
         "worse": {"role": "ours", "weights": str(network(tmp_path / "v.safetensors", bias=0.6))},
     }
-    assert started(configured("+tables.lr.allowed.psnr=0.02", **methods)) is not None
+    assert run_job(quality.run, configured("+tables.lr.allowed.psnr=0.02", **methods)) is not None
     page = page_of(tmp_path)
     assert "| ours | unbounded | psnr +1 or better | +0.0000 | **missed** |" in page
     assert "| ours | all | no frame loses more than 0.02 in psnr_aligned | 0 of 3 frames do | met |" in page
@@ -176,7 +165,7 @@ def test_missing_weights_are_named_and_leave_aims_open(fits, configured, tmp_pat
         "unknown": {"role": "other", "train": ["+recipe=lr", "fusion=unheard_of"]},
         "ours": {"role": "ours", "weights": str(network(tmp_path / "w.safetensors"))},
     }
-    started(configured(**methods))
+    run_job(quality.run, configured(**methods))
     page = page_of(tmp_path)
     assert "weights gone.safetensors: is neither a file nor a shipped name" in page
     assert "gaussian-enhancer train +recipe=lr seed=77: `untrained` in all 2 scene-splat pairs" in page
@@ -186,28 +175,28 @@ def test_missing_weights_are_named_and_leave_aims_open(fits, configured, tmp_pat
 
 
 def test_a_fit_that_is_not_there_is_fitted_only_if_asked_for(fits, configured, tmp_path) -> None:
-    assert started(configured("fit_missing=false")) is None
+    assert run_job(quality.run, configured("fit_missing=false")) is None
     assert not fits
     assert "is not fitted; gaussian-enhancer fit scene=unbounded scene.seed=2000 splat=3dgs" in page_of(tmp_path)
 
 
 def test_the_page_can_be_written_again_from_the_records_alone(fits, configured, tmp_path) -> None:
     ours = {"role": "ours", "weights": str(network(tmp_path / "w.safetensors"))}
-    started(configured(ours=ours))
+    run_job(quality.run, configured(ours=ours))
     page = page_of(tmp_path)
     (tmp_path / "docs/q.md").unlink()
     (tmp_path / "runs").rename(tmp_path / "elsewhere")
-    started(configured("records_only=true", ours=ours))
+    run_job(quality.run, configured("records_only=true", ours=ours))
     assert page_of(tmp_path) == page
     assert len(fits) == 2
 
 
 def test_one_scene_measured_again_leaves_the_records_of_the_others(fits, configured, tmp_path) -> None:
-    started(configured())
+    run_job(quality.run, configured())
     records = read_records(tmp_path / "q.jsonl")
     other = dataclasses.replace(records[0], scene="outdoor")
     write_records(tmp_path / "q.jsonl", [*records, other])
-    started(configured())
+    run_job(quality.run, configured())
     again = read_records(tmp_path / "q.jsonl")
     assert other in again
     assert len(again) == len(records) + 1
@@ -219,13 +208,13 @@ def test_one_splat_measured_again_leaves_the_records_of_the_others(fits, configu
         cfg.groups = {"one": {**cfg.groups.procedural, "scenes": {"unbounded": cfg.groups.procedural.scenes.unbounded}}}
         return cfg
 
-    started(of_all_scenes("splats=null", "splat_choices=[3dgs]"))
+    run_job(quality.run, of_all_scenes("splats=null", "splat_choices=[3dgs]"))
     records = read_records(tmp_path / "q.jsonl")
     other = dataclasses.replace(records[0], splat="2dgs/dense")
     write_records(tmp_path / "q.jsonl", [*records, other])
-    started(of_all_scenes("splats=[3dgs]"))
+    run_job(quality.run, of_all_scenes("splats=[3dgs]"))
     assert set(map(str, read_records(tmp_path / "q.jsonl"))) == set(map(str, [*records, other]))
-    started(of_all_scenes("splats=null", "splat_choices=[3dgs]"))
+    run_job(quality.run, of_all_scenes("splats=null", "splat_choices=[3dgs]"))
     assert other not in read_records(tmp_path / "q.jsonl")
 
 
@@ -239,13 +228,13 @@ def test_one_splat_measured_again_leaves_the_records_of_the_others(fits, configu
 )
 def test_unknown_names_are_refused_before_anything_is_done(fits, configured, override, found) -> None:
     with pytest.raises(InputError, match=found):
-        started(configured(override))
+        run_job(quality.run, configured(override))
     assert not fits
 
 
 def test_a_row_without_a_role_is_refused(configured) -> None:
     with pytest.raises(InputError, match="choose other or ours"):
-        started(configured(ours={"weights": "lr_tiny"}))
+        run_job(quality.run, configured(ours={"weights": "lr_tiny"}))
 
 
 def test_the_weights_of_a_training_are_found_where_the_job_train_files_them(configured) -> None:

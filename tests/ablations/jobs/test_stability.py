@@ -9,10 +9,7 @@ from ablations.jobs import stability
 from ablations.report import stability as pages
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import read_records, write_records
-from support import paths
 from support.job_config import job_config
-
-CONF = paths.CONF
 
 
 def configured(folder: Path, *overrides: str) -> DictConfig:

@@ -21,13 +21,9 @@ from gaussian_enhancer.metrics.pair import measure_pair
 from gaussian_enhancer.metrics.records import read_records, write_records
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.scene.renders import read_run
-from support import paths
-from support.job_config import initialised, job_config
+from support.job_config import QUIET, initialised, job_config, run_job
 from support.synthetic_runs import write_plane_run
-
-CONF = paths.CONF
-TINY = f"hydra.searchpath=[file://{Path(__file__).parents[2] / 'support/suite'}]"
-QUIET = ("runtime.threads=1", "runtime.progress=false", "runtime.device=cpu")
+from support.tiny_suite import SUITE
 
 FASTEST_FIRST = {
     "raw/render": 1.0,
@@ -40,13 +36,11 @@ FASTEST_FIRST = {
 
 
 def configured(*overrides: str):
-    return job_config("tradeoff", TINY, "scale=tiny", "curves=tiny", "lpips=[]", *QUIET, *overrides)
+    return job_config("tradeoff", SUITE, "scale=tiny", "curves=tiny", "lpips=[]", *QUIET, *overrides)
 
 
 def started(*overrides: str) -> None:
-    cfg = configured(*overrides)
-    with initialised():
-        tradeoff.run(cfg)
+    run_job(tradeoff.run, configured(*overrides))
 
 
 def plane_fit(job) -> None:
@@ -57,21 +51,14 @@ def plane_fit(job) -> None:
 
 
 @pytest.fixture(scope="module")
-def measured(tmp_path_factory) -> Path:
-    """A folder in which the kind quality was measured; not to be written into."""
+def made(tmp_path_factory) -> Path:
+    """A folder in which the kind quality was measured; not to be written into. `copied` copies it."""
     folder = tmp_path_factory.mktemp("tradeoff")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.setattr(pipeline.fit, "run", plane_fit)
         started("kind=quality", "settings=settings.json")
     return folder
-
-
-@pytest.fixture
-def copied(measured, tmp_path, monkeypatch) -> Path:
-    shutil.copytree(measured, tmp_path / "copy")
-    monkeypatch.chdir(tmp_path / "copy")
-    return tmp_path / "copy"
 
 
 def records_of(folder: Path):
@@ -91,8 +78,8 @@ def set_times(folder: Path) -> None:
     write_records(folder / "docs/results/tradeoff/quality.jsonl", map(timed, records))
 
 
-def test_every_setting_has_a_record_in_every_scene_or_says_why_not(measured) -> None:
-    records = records_of(measured)
+def test_every_setting_has_a_record_in_every_scene_or_says_why_not(made) -> None:
+    records = records_of(made)
     scenes = {"validation/easy/object", "validation/hard/outdoor", "test/easy/object"}
     present = {"raw/render", "lr_tiny/0 references", "lr_tiny/2 references", "unwarped/2 references", "planned/auto"}
     absent = {
@@ -115,9 +102,9 @@ def test_every_setting_has_a_record_in_every_scene_or_says_why_not(measured) -> 
             assert record.size == (48, 32)
 
 
-def test_errors_are_those_of_what_the_enhancer_makes_and_times_those_of_its_size(measured) -> None:
-    records = [r for r in records_of(measured) if r.scene == "test/easy/object"]
-    (fit,) = (measured / "runs/fit").glob("3000-3dgs-*")
+def test_errors_are_those_of_what_the_enhancer_makes_and_times_those_of_its_size(made) -> None:
+    records = [r for r in records_of(made) if r.scene == "test/easy/object"]
+    (fit,) = (made / "runs/fit").glob("3000-3dgs-*")
     rendered = read_run(fit)
     view = replace(rendered, targets=rendered.targets[:1])
     photo = view.targets[0].read_photo()
@@ -133,20 +120,20 @@ def test_errors_are_those_of_what_the_enhancer_makes_and_times_those_of_its_size
     assert two.metrics["psnr"] > raw.metrics["psnr"]
 
 
-def test_references_that_stay_where_they_are_give_another_image(measured) -> None:
-    psnr = {r.variant: r.metrics["psnr"] for r in records_of(measured) if r.kind == "tradeoff" and "test" in r.scene}
+def test_references_that_stay_where_they_are_give_another_image(made) -> None:
+    psnr = {r.variant: r.metrics["psnr"] for r in records_of(made) if r.kind == "tradeoff" and "test" in r.scene}
     assert psnr["lr/unwarped/2 references"] < psnr["lr/lr_tiny/2 references"]
 
 
-def test_the_page_names_fronts_choices_and_what_is_missing(measured) -> None:
-    page = (measured / "docs/results/tradeoff.md").read_text()
+def test_the_page_names_fronts_choices_and_what_is_missing(made) -> None:
+    page = (made / "docs/results/tradeoff.md").read_text()
     assert "### At the render's own resolution: validation scenes" in page
     assert "![Enhancement: lr_validation](tradeoff/lr_validation.svg)" in page
     assert "| all | cheapest within 0.1 dB of the best |" in page
     assert "| easy | best within 33 ms an image of 0.002 MP |" in page
     assert "`half/float16`: half/float16: is measured on cuda alone" in page
     assert "Not measured yet: `gaussian-enhancer tradeoff kind=numerics`" in page
-    drawing = (measured / "docs/results/tradeoff/lr_validation.svg").read_text()
+    drawing = (made / "docs/results/tradeoff/lr_validation.svg").read_text()
     # Labels stand on the front alone, and its best end is one of these two: they differ in time, not in image.
     assert "lr_tiny, 2 references" in drawing or "planned, auto" in drawing
     assert drawing.count('<g id="axes_') == 6  # three groups, two errors

@@ -3,7 +3,7 @@
 from ablations.report.reliability import read_page, reliability_page
 from ablations.stability.judge import FAILED, KIND, WITHIN
 from gaussian_enhancer.metrics.records import Record
-from support import paths
+from support.paths import DOCS
 
 FUZZ = [
     {"total": 7, "refused": 4, "right": 2, "crashed": 1},
@@ -61,4 +61,4 @@ def test_where_nothing_has_failed_the_page_says_so() -> None:
 
 
 def test_the_committed_page_is_what_its_records_say() -> None:
-    assert (paths.DOCS / "reliability.md").read_text(encoding="utf-8") == read_page(paths.DOCS / "results")
+    assert (DOCS / "reliability.md").read_text(encoding="utf-8") == read_page(DOCS / "results")

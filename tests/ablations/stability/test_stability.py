@@ -12,11 +12,11 @@ from ablations.stability.judge import FAILED, KIND, REFUSED, WITHIN, judge_case
 from ablations.stability.watched import matrix_records
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import read_records
-from support import paths
+from support.paths import DOCS
 from support.strained_cases import case
 
 FLOAT32, BFLOAT16, FLOAT16 = PRECISIONS[:3]
-COMMITTED = paths.DOCS / "results/stability.jsonl"
+COMMITTED = DOCS / "results/stability.jsonl"
 
 FAST = (
     "needles_3dgs",

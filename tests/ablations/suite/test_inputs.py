@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import pytest
-from hydra import compose
 from omegaconf import DictConfig, OmegaConf
 
 from ablations.suite.inputs import missing_inputs, published_fit_minutes
@@ -12,16 +11,14 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.high_resolution import high_resolution_config
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.scene.datasets import published_dataset
-from support import paths
-from support.job_config import initialised
+from support.job_config import job_config
+from support.paths import CONF
 
-CONF = paths.ROOT / "conf"
 SCENES = sorted(path.stem for path in (CONF / "scene" / "datasets").glob("*.yaml"))
 
 
 def scene(*overrides: str) -> DictConfig:
-    with initialised():
-        return compose("fit", list(overrides)).scene
+    return job_config("fit", *overrides).scene
 
 
 @pytest.fixture
@@ -79,10 +76,9 @@ def test_times_follow_the_resolution_upwards(root):
 
 def test_a_dry_run_reckons_with_what_was_published_where_no_finished_fit_tells(root):
     estimates = Estimates(root / "runs", OmegaConf.create({"minutes": {"fit": 0.7}}))
-    with initialised():
-        room, procedural = (
-            compose("fit", [f"scene={name}", "settings.steps=15000"]) for name in ("datasets/room", "object")
-        )
+    room, procedural = (
+        job_config("fit", f"scene={name}", "settings.steps=15000") for name in ("datasets/room", "object")
+    )
     assert estimates.minutes("fit", room) == pytest.approx(1708 / 60 / 2)
     assert estimates.minutes("fit", procedural) == pytest.approx(0.7 * 15)
 

@@ -25,10 +25,8 @@ from gaussian_enhancer.splat.io.ply import read_ply, write_ply
 from gaussian_enhancer.splat.methods import ThreeDGS
 from gaussian_enhancer.splat.render import render
 from gaussian_enhancer.types import Gaussians
-from support import paths
-from support.job_config import initialised, job_config
+from support.job_config import job_config, run_job
 
-CONF = paths.CONF
 SMALL = ["scene=object", "scene.seed=2000", "scene.height=24", "scene.width=32", "scene.views=9", "+scene.points=0"]
 
 
@@ -82,11 +80,6 @@ def configured(tmp_path) -> Callable[..., DictConfig]:
     return of
 
 
-def started(cfg: DictConfig) -> float | None:
-    with initialised():
-        return quality.run(cfg)
-
-
 def test_bicubic_enlarges_each_image_once_and_keeps_what_is_even(tmp_path, monkeypatch) -> None:
     write_image(tmp_path / "in/even.png", torch.full((3, 5, 7), 0.2))
     ramp = torch.linspace(0.2, 0.8, 16).expand(3, 8, 16)
@@ -110,13 +103,14 @@ def test_the_table_measures_enlarged_and_rendered_images_against_fine_photos(fit
     torch.manual_seed(0)
     save_weights(tmp_path / "w.safetensors", SIF((8, 8), (1, 1)), ReferenceConfig(), {})
     weights = str(tmp_path / "w.safetensors")
-    started(
+    run_job(
+        quality.run,
         configured(
             same_bicubic={"role": "other", "weights": weights, "upscale": True},
             render_4x={"role": "other", "render": True},
             render_4x_same={"role": "ours", "weights": weights, "render": True},
             too_small={"role": "other", "weights": weights},
-        )
+        ),
     )
     (scene,) = fits
     records = {(r.variant, r.view): r for r in read_records(tmp_path / "q.jsonl")}
@@ -146,10 +140,10 @@ def test_the_table_measures_enlarged_and_rendered_images_against_fine_photos(fit
 @pytest.mark.slow
 def test_rows_at_four_times_the_resolution_are_found_again(fits, configured, monkeypatch, tmp_path) -> None:
     methods = {"render_4x": {"role": "other", "render": True}}
-    started(configured(**methods))
+    run_job(quality.run, configured(**methods))
     page = (tmp_path / "q.md").read_text(encoding="utf-8")
     monkeypatch.setattr(upsampled, "write_image", lambda *_: pytest.fail("done before"))
     monkeypatch.setattr(upsampled, "render_capture", lambda *_: pytest.fail("done before"))
-    started(configured(**methods))
+    run_job(quality.run, configured(**methods))
     assert (tmp_path / "q.md").read_text(encoding="utf-8") == page
     assert len(fits) == 1

@@ -4,7 +4,6 @@ from collections import Counter
 
 import pytest
 import torch
-from hydra import compose
 
 from gaussian_enhancer.degrade.artefact_types import TYPES
 from gaussian_enhancer.degrade.gates import adaptive
@@ -13,7 +12,7 @@ from gaussian_enhancer.degrade.gates.adaptive import AdaptiveGate, MixedGate
 from gaussian_enhancer.degrade.gates.gate import AllGate, ArtefactStep, NoGate, RandomGate, enabled_types
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import build
-from support.job_config import initialised
+from support.job_config import job_config
 
 DRAWS = 3000
 EVERY = dict.fromkeys(TYPES, 0.9)
@@ -112,8 +111,7 @@ def test_refuses_what_is_no_type_or_out_of_range_by_name(make, named):
 
 def composed(name, *overrides):
     given = [f"+gate={name}", *(f"gate.{word}" for word in overrides)]
-    with initialised():
-        return build(compose("base", given).gate)
+    return build(job_config("base", *given).gate)
 
 
 @pytest.mark.parametrize("name", ["all", "random", "naive"])
@@ -125,8 +123,7 @@ def test_configurations_switch_single_types_off(name):
 
 
 def test_every_type_has_its_line_of_configuration():
-    with initialised():
-        switches = compose("base", ["+artefacts=all"]).artefacts
+    switches = job_config("base", "+artefacts=all").artefacts
     assert dict(switches) == dict.fromkeys(TYPES, True)
 
 

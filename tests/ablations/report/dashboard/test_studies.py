@@ -10,11 +10,10 @@ from ablations.stability.judge import FAILED, KIND, WITHIN
 from ablations.study.markdown import markdown
 from ablations.study.plots import Mark, Panel, work_precision
 from gaussian_enhancer.metrics.records import Record, write_records
-from support import paths
 from support.dashboard_samples import NASTY, QUALITY
+from support.paths import DOCS
 
 AIMS = PlanAims("full", "auto", 1.5, 0.98, 0.02)
-DOCS = paths.DOCS
 
 
 def test_diagrams_are_copied_and_named_by_their_titles(tmp_path) -> None:
