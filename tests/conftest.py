@@ -85,3 +85,13 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator:
     yield driver
     driver.quit()
     shutil.rmtree(profile, ignore_errors=True)
+
+
+@pytest.fixture
+def page(browser, written: Path) -> Iterator:
+    """A page that a test has written, freshly opened; afterwards the console must be empty."""
+    browser.get_log("browser")
+    browser.get("about:blank")
+    browser.get(written.as_uri())
+    yield browser
+    assert [entry["message"] for entry in browser.get_log("browser")] == []

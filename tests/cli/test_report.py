@@ -1,7 +1,5 @@
 """The job ``report``: from a measured run's folder to the page, nothing else at hand."""
 
-import json
-import re
 from pathlib import Path
 
 import pytest
@@ -12,6 +10,7 @@ from gaussian_enhancer.cli import measure, report
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record, read_records, write_records
 from support.job_config import job_config
+from support.page_data import page_data
 
 
 def job(name: str, *overrides: str):
@@ -39,16 +38,9 @@ def measured(tmp_path: Path) -> Path:
     return folder
 
 
-def data(path: Path) -> dict:
-    text = path.read_text(encoding="utf-8")
-    data_block = re.search(r'<script type="application/json" id="report-data">(.*?)</script>', text, re.S)
-    assert data_block
-    return json.loads(data_block[1])
-
-
 def test_the_page_holds_the_records(measured: Path) -> None:
     report.run(job("report", f"measured={measured}", "contact_sheet=true"))
-    shown = data(measured / "report.html")
+    shown = page_data((measured / "report.html").read_text(encoding="utf-8"))
     records = {(r.view, r.variant): r for r in read_records(measured / "records.jsonl")}
     assert [view["name"] for view in shown["views"]] == ["a.png", "b.png"]
     for view in shown["views"]:
@@ -63,7 +55,7 @@ def test_the_page_holds_the_records(measured: Path) -> None:
 
 def test_the_page_goes_where_it_is_wanted(measured: Path, tmp_path: Path) -> None:
     report.run(job("report", f"measured={measured}", f"output={tmp_path / 'page'}", "title=Mine"))
-    assert data(tmp_path / "page" / "report.html")["title"] == "Mine"
+    assert page_data((tmp_path / "page" / "report.html").read_text(encoding="utf-8"))["title"] == "Mine"
 
 
 def test_refuses_what_was_not_measured_or_only_half(measured: Path, tmp_path: Path) -> None:

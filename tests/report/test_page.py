@@ -1,4 +1,3 @@
-import json
 import math
 import re
 from html.parser import HTMLParser
@@ -10,6 +9,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.report.cards import pictured_indices
 from gaussian_enhancer.report.compared import ComparedView
 from gaussian_enhancer.report.page import document, write_report
+from support.page_data import page_data
 from support.report_samples import NASTY, REASON, compared
 
 VOID = {"meta", "link", "img", "input"}
@@ -50,12 +50,6 @@ def page(views: list[ComparedView], provenance: dict[str, str]) -> str:
     return document("A <b>title</b>", views, provenance)
 
 
-def data(text: str) -> dict:
-    data_block = re.search(r'<script type="application/json" id="report-data">(.*?)</script>', text, re.S)
-    assert data_block
-    return json.loads(data_block[1])
-
-
 def test_every_element_is_closed_and_ids_are_unique(page: str) -> None:
     identifiers = [attributes["id"] for _, attributes in Checked(page).elements if "id" in attributes]
     assert len(identifiers) == len(set(identifiers)) >= 4
@@ -83,11 +77,11 @@ def test_names_are_text_and_never_markup(page: str) -> None:
     assert shown in [text for tag, text in checked.texts if tag == "h3"]
     assert "A <b>title</b>" in [text for tag, text in checked.texts if tag in ("h1", "title")]
     assert any(attributes.get("alt") == f"render, {shown}" for attributes in checked.all("img"))
-    assert data(page)["views"][1]["name"] == NASTY
+    assert page_data(page)["views"][1]["name"] == NASTY
 
 
 def test_numbers_equal_the_input_exactly(page: str, views: list[ComparedView]) -> None:
-    entries = data(page)["views"]
+    entries = page_data(page)["views"]
     for view, entry in zip(views, entries, strict=True):
         assert entry["raw"] == dict(view.metrics_raw)
         assert entry["enhanced"] == dict(view.metrics_enhanced)
@@ -116,8 +110,8 @@ def test_identical_images_leave_valid_json_and_say_so() -> None:
     view = compared("a.png", 0.0, 1)
     same = ComparedView("b.png", view.read_raw, view.read_raw, view.read_raw, {"psnr": math.inf}, {"psnr": math.inf})
     text = document("t", [view, same], {})
-    assert data(text)["views"][1]["raw"] == {"psnr": "inf"}
-    assert data(text)["summary"]["psnr"]["n"] == 1
+    assert page_data(text)["views"][1]["raw"] == {"psnr": "inf"}
+    assert page_data(text)["summary"]["psnr"]["n"] == 1
     assert "1 not finite, left out" in text
     assert "∞" in text
 
@@ -146,7 +140,7 @@ def test_a_long_report_pictures_an_even_choice_with_the_worst() -> None:
     text = document("t", views, {}, most_pictured=3)
     assert len(Checked(text).all("article")) == 3
     assert 'id="view-5"' in text
-    assert len(data(text)["views"]) == 9
+    assert len(page_data(text)["views"]) == 9
     assert "pictures of 3, numbers of all" in text
 
 

@@ -4,7 +4,6 @@ import json
 import math
 import os
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -22,15 +21,6 @@ def written(tmp_path_factory: pytest.TempPathFactory, views: list[ComparedView],
     if folder := os.environ.get("GAUSSIAN_ENHANCER_SHOW_REPORT"):
         shutil.copy(path, folder)
     return path
-
-
-@pytest.fixture
-def page(browser, written: Path) -> Iterator:
-    """The page, freshly opened; afterwards the console must be empty."""
-    browser.get_log("browser")
-    browser.get(written.as_uri())
-    yield browser
-    assert [entry["message"] for entry in browser.get_log("browser")] == []
 
 
 def stage(page, index: int = 0):

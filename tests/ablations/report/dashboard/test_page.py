@@ -1,6 +1,5 @@
 """What is inside the page: every record once, nothing that could run, nothing from outside; runs and pictures."""
 
-import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +14,7 @@ from ablations.report.dashboard.runs import MOST_POINTS, flatten, read_curves, s
 from ablations.study.description import write_description
 from gaussian_enhancer.errors import InputError
 from support.dashboard_samples import NASTY, QUALITY, measured, write_results, write_runs
+from support.page_data import page_data
 
 
 @pytest.fixture(scope="module")
@@ -23,9 +23,7 @@ def listed(tmp_path_factory: pytest.TempPathFactory) -> tuple[TableRecords, ...]
 
 
 def data(text: str) -> dict:
-    found = re.search(r'<script type="application/json" id="dashboard-data">(.*?)</script>', text, re.S)
-    assert found
-    return json.loads(found[1])
+    return page_data(text, "dashboard-data")
 
 
 def test_every_record_is_embedded_once_and_unrounded(listed: tuple[TableRecords, ...]) -> None:

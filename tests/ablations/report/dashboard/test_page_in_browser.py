@@ -2,7 +2,6 @@
 
 import random
 import shutil
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -35,16 +34,6 @@ def written(tmp_path_factory: pytest.TempPathFactory, listed: tuple[TableRecords
     shutil.rmtree(runs)
     write_dashboard(folder / "dashboard.html", "Suite", listed, sources, pictures)
     return folder / "dashboard.html"
-
-
-@pytest.fixture
-def page(browser, written: Path) -> Iterator:
-    """The page, freshly opened; afterwards the console must be empty."""
-    browser.get_log("browser")
-    browser.get("about:blank")
-    browser.get(written.as_uri())
-    yield browser
-    assert [entry["message"] for entry in browser.get_log("browser")] == []
 
 
 def all_of(page, selector: str, read: str = "e.textContent") -> list:
