@@ -27,3 +27,29 @@ def test_threads_can_be_set_after_compiled_kernels_have_run() -> None:
     environment = {name: value for name, value in os.environ.items() if name != "NUMBA_NUM_THREADS"}
     process = subprocess.run([sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True)
     assert process.stdout.split() == ["8.0", "8.0", "1"], process.stderr
+
+
+CACHED = """
+import numba, numpy as np
+from numba.np.ufunc.parallel import _launch_threads
+from omegaconf import OmegaConf
+from gaussian_enhancer.runs.runtime import start
+
+start(OmegaConf.create({"threads": 1, "device": "cpu", "keep_memory": False}))
+_launch_threads()  # as a kernel from the cache does, which needs no compilation
+
+@numba.njit(parallel=True)
+def double(values):
+    for i in numba.prange(len(values)):
+        values[i] *= 2
+
+values = np.ones(8)
+double(values)
+print(values.sum(), numba.get_num_threads())
+"""
+
+
+def test_kernels_can_be_compiled_after_a_kernel_from_the_cache_has_run() -> None:
+    environment = {name: value for name, value in os.environ.items() if name != "NUMBA_NUM_THREADS"}
+    process = subprocess.run([sys.executable, "-c", CACHED], env=environment, capture_output=True, text=True)
+    assert process.stdout.split() == ["16.0", "1"], process.stderr
