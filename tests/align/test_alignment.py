@@ -118,6 +118,23 @@ def test_what_does_not_look_like_the_render_is_no_reference_there():
     torch.testing.assert_close(checked.visibility[0, :, :5], unchecked.visibility[0, :, :5])
 
 
+def test_what_only_one_of_three_references_shows_is_no_reference_there():
+    image = torch.rand(3, 40, 60, generator=torch.Generator().manual_seed(0)) * 0.4
+    camera, depth = identity_camera(40, 60, 50.0), torch.full((1, 40, 60), 2.0)
+    passer_by = image.clone()
+    passer_by[:, 10:30, 20:40] += 0.15  # the render alone does not reject it
+    target = LoadedView("t", image, camera, depth)
+    references = [LoadedView(str(i), photo, camera, depth) for i, photo in enumerate((image, passer_by, image))]
+    settings = {"depth": "exact", "match_colour": False}
+    unchecked = Reprojected(**settings, photo_consistency=None)(target, references, 3)
+    checked = Reprojected(**settings)(target, references, 3)
+    assert bool((unchecked.visibility > 0.9).all())
+    assert checked.names == unchecked.names
+    hidden = [bool((visibility[:, 13:27, 23:37] == 0).all()) for visibility in checked.visibility]
+    assert hidden == [name == "1" for name in checked.names]
+    assert torch.equal(checked.visibility[..., :5], unchecked.visibility[..., :5])
+
+
 @pytest.mark.parametrize("top", [0, 4])
 def test_compiled_finish_of_fine_references_equals_its_readable_twin(top):
     generator = torch.Generator().manual_seed(0)

@@ -31,12 +31,11 @@ def test_threads_can_be_set_after_compiled_kernels_have_run() -> None:
 
 CACHED = """
 import numba, numpy as np
-from numba.np.ufunc.parallel import _launch_threads
 from omegaconf import OmegaConf
 from gaussian_enhancer.runs.runtime import start
 
 start(OmegaConf.create({"threads": 1, "device": "cpu", "keep_memory": False}))
-_launch_threads()  # as a kernel from the cache does, which needs no compilation
+numba.get_num_threads()  # launches them, as a kernel from the cache does, which needs no compilation
 
 @numba.njit(parallel=True)
 def double(values):

@@ -17,6 +17,7 @@ from gaussian_enhancer.align.depth_search import SEARCHES, DepthKind, Source, re
 from gaussian_enhancer.align.exposure import apply_colour, fit_colour, fit_exposure
 from gaussian_enhancer.align.photo_consistency import (
     hide_inconsistent,
+    hide_outliers,
     photometric_difference,
     rank_references,
     reference_weight,
@@ -147,7 +148,8 @@ class Reprojected:
         softness: mean colour difference, in [0, 1], at which a reference's weight at a pixel falls to 1/e in ranking.
         photo_consistency: mean colour difference to the render over 7x7 pixels, in [0, 1], above which a reference is
             treated as not visible. This rejects view-dependent reflections, such as the sky in glass, and errors that
-            the depth check missed. None disables this check.
+            the depth check missed. Outliers among the references are then hidden as well (`hide_outliers`). None
+            disables both checks.
         smooth: fit planes to the depth before each depth search (`smooth_depth`).
         consistent: in the depth search, also compare photos with each other, not only renders with the target's render.
         interpolation: interpolation of photos and renders between pixels; "bicubic" keeps detail that "bilinear"
@@ -206,7 +208,7 @@ class Reprojected:
         if target.alpha is not None:  # alpha marks the holes, so they can be filled here once for all references
             depth, rendered = fill_depth(depth), fill_depth(rendered)
         dark = dark_transparent_pixels(target.image, target.alpha)
-        warped, weights = [], []
+        warped, differences = [], []
         for i, (source_camera, reference, photo) in enumerate(zip(cameras, references, photos, strict=True)):
             warp_options = reference.depth, target.alpha, self.tolerance, rendered, reference.render, self.interpolation
             view = reproject(camera, depth, source_camera, photo, *warp_options)
@@ -220,8 +222,11 @@ class Reprojected:
                 pair = camera, source_camera
                 view = mark_dark_pixels_visible(view, dark, target.image, depth, pair, photo, reference.render)
             warped.append(view)
-            weights.append(reference_weight(view, difference, self.softness))
-        order = rank_references(weights, keep)
+            differences.append(difference)
+        if self.photo_consistency is not None:
+            warped = hide_outliers(warped, differences)
+        compared = zip(warped, differences, strict=True)
+        order = rank_references([reference_weight(*pair, self.softness) for pair in compared], keep)
         readers, fine = _fine_photo_readers([references[i] for i in order]), None
         if readers:
             sides = (4 * side for side in target.image.shape[-2:])

@@ -1,14 +1,15 @@
-"""Photo-consistency of warped references with the render, for ranking and for rejecting pixels.
+"""Photo-consistency of warped references with the render and with each other, for ranking and for rejecting pixels.
 
 Axes: h height, w width of the target.
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from gaussian_enhancer.align.projection import can_use_kernels
@@ -16,7 +17,13 @@ from gaussian_enhancer.align.reproject import Warped
 from gaussian_enhancer.types import numpy_view
 
 WINDOW = 7
-"""Side in pixels of the squares over which references are compared with the render."""
+"""Side in pixels of the squares over which references are compared."""
+OUTLIER_DIFFERENCE = 0.1
+"""Colour difference of an outlier from the render and from another reference, in [0, 1]; outliers differ by more."""
+OUTLIER_AGREEMENT = 0.6
+"""Share of that difference by which the other reference may differ from the render."""
+LEAST_VISIBILITY = 0.3
+"""Product of the visibilities of two references below which they are not compared."""
 
 
 def rank_references(weights: Sequence[Float[Tensor, "1 h w"]], keep: int) -> list[int]:
@@ -99,6 +106,31 @@ def hide_inconsistent(warped: Warped, difference: Float[Tensor, "1 h w"], limit:
         difference: difference from the render (`photometric_difference`).
         limit: largest accepted difference, in [0, 1].
     """
-    mask = (difference <= limit).to(difference.dtype)
+    return _keep(warped, difference <= limit)
+
+
+def hide_outliers(warped: Sequence[Warped], differences: Sequence[Float[Tensor, "1 h w"]]) -> list[Warped]:
+    """Set a reference's visibility to 0 where the render and another reference contradict it and agree with each other.
+
+    This rejects what only one photo shows, such as a passer-by or an over-exposed area, and errors of the warp.
+
+    Args:
+        warped: references on the render's grid.
+        differences: difference of each from the render (`photometric_difference`).
+    """
+    outliers = [torch.zeros_like(reference.visibility, dtype=torch.bool) for reference in warped]
+    for i, j in combinations(range(len(warped)), 2):
+        visibility = warped[i].visibility * warped[j].visibility
+        between = photometric_difference(replace(warped[i], visibility=visibility), warped[j].colour)
+        for one, other in ((i, j), (j, i)):
+            contradiction = torch.minimum(between, differences[one])
+            agrees = differences[other] < OUTLIER_AGREEMENT * contradiction
+            outliers[one] |= (contradiction > OUTLIER_DIFFERENCE) & agrees & (visibility > LEAST_VISIBILITY)
+    return [_keep(reference, ~outlier) for reference, outlier in zip(warped, outliers, strict=True)]
+
+
+def _keep(warped: Warped, kept: Bool[Tensor, "1 h w"]) -> Warped:
+    """A reference with visibility and colours of 0 outside of a mask."""
+    mask = kept.to(warped.visibility.dtype)
     render = None if warped.render is None else warped.render * mask
     return replace(warped, colour=warped.colour * mask, visibility=warped.visibility * mask, render=render)

@@ -34,17 +34,19 @@ def start(runtime: DictConfig) -> torch.device:
 def _set_kernel_threads(threads: int) -> None:
     """Set the number of threads of compiled kernels.
 
-    Numba reads ``NUMBA_NUM_THREADS`` when it is imported and when it compiles, and raises an error if the value changes
-    after its threads are launched. It is therefore read anew here, before a kernel from the cache launches them. From
-    then on, the kernels of the calling thread can only be restricted to some of the launched threads.
+    Numba reads ``NUMBA_NUM_THREADS`` when it is imported and whenever it compiles, and launches its threads when the
+    first kernel runs. If the variable has changed by the next compilation, it raises an error. Until the launch, the
+    variable is therefore read anew here; afterwards, the kernels of the calling thread can only be restricted to some
+    of the threads. Launching them here would break kernels in forked processes.
     """
     launcher = sys.modules.get("numba.np.ufunc.parallel")
     if launcher is not None and launcher._is_initialized:
         launcher.set_num_threads(min(threads, launcher.config.NUMBA_NUM_THREADS))
-    else:
-        os.environ.setdefault("NUMBA_NUM_THREADS", str(threads))
-        if "numba.core.config" in sys.modules:
-            sys.modules["numba.core.config"].reload_config()
+        return
+    os.environ.setdefault("NUMBA_NUM_THREADS", str(threads))
+    if launcher is not None:
+        launcher.config.reload_config()
+        vars(launcher)["NUM_THREADS"] = launcher.config.NUMBA_NUM_THREADS  # of the launch
 
 
 def choose_device(name: str) -> torch.device:
