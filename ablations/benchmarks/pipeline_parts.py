@@ -30,7 +30,6 @@ PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
     "check and rank": (
         (alignment, "photometric_difference"),
         (alignment, "hide_inconsistent"),
-        (alignment, "hide_outliers"),
         (alignment, "reference_weight"),
         (alignment, "rank_references"),
     ),

@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from gaussian_enhancer.align.photo_consistency import (
-    hide_outliers,
+    hide_inconsistent,
     photometric_difference,
     rank_references,
     reference_weight,
@@ -47,7 +47,7 @@ def seen(count: int) -> list[Warped]:
 def hidden(references: list[Warped], image: torch.Tensor | None = None) -> list[torch.Tensor]:
     """Where each reference is hidden as an outlier; what is hidden has no colour either, the rest is unchanged."""
     image = torch.full((3, 32, 32), 0.5) if image is None else image
-    found = hide_outliers(references, [photometric_difference(one, image) for one in references])
+    found = hide_inconsistent(references, [photometric_difference(one, image) for one in references], 1.0)
     masks = [(before.visibility > 0) & (after.visibility == 0) for before, after in zip(references, found, strict=True)]
     for before, after, mask in zip(references, found, masks, strict=True):
         for name in ("colour", "visibility", "render"):

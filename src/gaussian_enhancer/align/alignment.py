@@ -17,7 +17,6 @@ from gaussian_enhancer.align.depth_search import SEARCHES, DepthKind, Source, re
 from gaussian_enhancer.align.exposure import apply_colour, fit_colour, fit_exposure
 from gaussian_enhancer.align.photo_consistency import (
     hide_inconsistent,
-    hide_outliers,
     photometric_difference,
     rank_references,
     reference_weight,
@@ -148,8 +147,8 @@ class Reprojected:
         softness: mean colour difference, in [0, 1], at which a reference's weight at a pixel falls to 1/e in ranking.
         photo_consistency: mean colour difference to the render over 7x7 pixels, in [0, 1], above which a reference is
             treated as not visible. This rejects view-dependent reflections, such as the sky in glass, and errors that
-            the depth check missed. Outliers among the references are then hidden as well (`hide_outliers`). None
-            disables both checks.
+            the depth check missed. Outliers among the references are treated alike (`hide_inconsistent`). None disables
+            both checks.
         smooth: fit planes to the depth before each depth search (`smooth_depth`).
         consistent: in the depth search, also compare photos with each other, not only renders with the target's render.
         interpolation: interpolation of photos and renders between pixels; "bicubic" keeps detail that "bilinear"
@@ -215,16 +214,15 @@ class Reprojected:
             if self.match_colour and exposures[i] is None:
                 exposures[i] = exposure = fit_colour(view.colour, target.image, view.visibility)
                 view = replace(view, colour=apply_colour(view.colour, exposure) * (view.visibility > 0))
-            difference = photometric_difference(view, target.image)
-            if self.photo_consistency is not None:
-                view = hide_inconsistent(view, difference, self.photo_consistency)
-            if dark is not None:
-                pair = camera, source_camera
-                view = mark_dark_pixels_visible(view, dark, target.image, depth, pair, photo, reference.render)
             warped.append(view)
-            differences.append(difference)
+            differences.append(photometric_difference(view, target.image))
         if self.photo_consistency is not None:
-            warped = hide_outliers(warped, differences)
+            warped = hide_inconsistent(warped, differences, self.photo_consistency)
+        if dark is not None:
+            warped = [
+                mark_dark_pixels_visible(view, dark, target.image, depth, (camera, other), photo, reference.render)
+                for view, other, photo, reference in zip(warped, cameras, photos, references, strict=True)
+            ]
         compared = zip(warped, differences, strict=True)
         order = rank_references([reference_weight(*pair, self.softness) for pair in compared], keep)
         readers, fine = _fine_photo_readers([references[i] for i in order]), None

@@ -98,35 +98,30 @@ def _photometric_difference_compiled(warped: Warped, image: Float[Tensor, "3 h w
     return result
 
 
-def hide_inconsistent(warped: Warped, difference: Float[Tensor, "1 h w"], limit: float) -> Warped:
-    """Set a reference's visibility to 0 where it differs from the render by more than a limit.
+def hide_inconsistent(
+    warped: Sequence[Warped], differences: Sequence[Float[Tensor, "1 h w"]], limit: float
+) -> list[Warped]:
+    """Set a reference's visibility to 0 where it differs from the render by more than a limit or is an outlier.
 
-    Args:
-        warped: the reference on the render's grid.
-        difference: difference from the render (`photometric_difference`).
-        limit: largest accepted difference, in [0, 1].
-    """
-    return _keep(warped, difference <= limit)
-
-
-def hide_outliers(warped: Sequence[Warped], differences: Sequence[Float[Tensor, "1 h w"]]) -> list[Warped]:
-    """Set a reference's visibility to 0 where the render and another reference contradict it and agree with each other.
-
-    This rejects what only one photo shows, such as a passer-by or an over-exposed area, and errors of the warp.
+    It is an outlier where the render and another reference contradict it and agree with each other. This rejects what
+    only one photo shows, such as a passer-by or an over-exposed area, and errors of the warp.
 
     Args:
         warped: references on the render's grid.
         differences: difference of each from the render (`photometric_difference`).
+        limit: largest accepted difference from the render, in [0, 1].
     """
-    outliers = [torch.zeros_like(reference.visibility, dtype=torch.bool) for reference in warped]
+    consistent = [difference <= limit for difference in differences]
+    visibilities = [view.visibility * mask for view, mask in zip(warped, consistent, strict=True)]
     for i, j in combinations(range(len(warped)), 2):
-        visibility = warped[i].visibility * warped[j].visibility
+        visibility = visibilities[i] * visibilities[j]
         between = photometric_difference(replace(warped[i], visibility=visibility), warped[j].colour)
+        comparable = visibility > LEAST_VISIBILITY
         for one, other in ((i, j), (j, i)):
             contradiction = torch.minimum(between, differences[one])
             agrees = differences[other] < OUTLIER_AGREEMENT * contradiction
-            outliers[one] |= (contradiction > OUTLIER_DIFFERENCE) & agrees & (visibility > LEAST_VISIBILITY)
-    return [_keep(reference, ~outlier) for reference, outlier in zip(warped, outliers, strict=True)]
+            consistent[one] = consistent[one] & ~((contradiction > OUTLIER_DIFFERENCE) & agrees & comparable)
+    return [_keep(view, mask) for view, mask in zip(warped, consistent, strict=True)]
 
 
 def _keep(warped: Warped, kept: Bool[Tensor, "1 h w"]) -> Warped:
