@@ -3,11 +3,11 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-import numba
 import pytest
 import torch
 from hypothesis import HealthCheck, settings
 
+from gaussian_enhancer.runs.runtime import set_kernel_threads
 from support.synthetic_runs import coloured_sheet, copy_with_splat, write_plane_run
 
 CHROMIUM, DRIVER = Path("/usr/bin/chromium"), Path("/usr/bin/chromedriver")
@@ -37,10 +37,7 @@ def pytest_configure(config: pytest.Config) -> None:
     """Processes that tests start share the cores, too."""
     if WORKERS > 1:
         os.environ.setdefault("OMP_NUM_THREADS", str(THREADS))
-        os.environ.setdefault("NUMBA_NUM_THREADS", str(THREADS))
-        # Numba was imported before this. Without reloading, it would read the number only when it compiles: if kernels
-        # from the cache have launched its threads by then, it refuses.
-        numba.core.config.reload_config()
+        set_kernel_threads(THREADS)
 
 
 @pytest.fixture(autouse=True)

@@ -1,9 +1,9 @@
 """``gaussian-enhancer guards``: gain and harm at several values of a limit to the change.
 
 Limits to the change protect a view from harm. ``guard`` is ``photo_consistency`` (the largest difference of a reference
-to the render, `Reprojected.photo_consistency`), ``colour_clamping`` (the window that a pixel's colours are clamped to,
-`SetEnhancer`) or ``strength`` (the share of the change that is applied). Runs must be validation runs (docs/data.md),
-since test scenes may not decide limits.
+to the render, `Reprojected.photo_consistency`; None also switches the check for outliers off), ``colour_clamping`` (the
+window that a pixel's colours are clamped to, `SetEnhancer`) or ``strength`` (the share of the change that is applied).
+Runs must be validation runs (docs/data.md), since test scenes may not decide limits.
 """
 
 from dataclasses import replace

@@ -93,3 +93,16 @@ def test_a_reference_is_kept_where_the_other_is_as_far_from_the_render():
     references[0].colour[PATCH] -= 0.15
     references[1].colour[PATCH] += 0.2
     assert not any(bool(mask.any()) for mask in hidden(references))
+
+
+def test_a_reference_that_the_limit_hides_does_not_testify_against_another():
+    references = seen(2)
+    references[0].colour[PATCH] += 0.15
+    near, far = torch.full((1, 32, 32), 0.05), torch.full((1, 32, 32), 0.15)
+    heard = hide_inconsistent(references, [far, near], 0.2)
+    assert not bool(heard[0].visibility[INSIDE].any())
+    references[1].visibility[:] = 0
+    assert bool(hide_inconsistent(references, [far, near], 0.2)[0].visibility.all())
+    witness_hidden = hide_inconsistent([*seen(1), references[0]], [torch.full((1, 32, 32), 0.3), far], 0.2)
+    assert not bool(witness_hidden[0].visibility.any())
+    assert bool(witness_hidden[1].visibility.all())

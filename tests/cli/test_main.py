@@ -190,6 +190,16 @@ def test_every_job_has_options_that_its_own_configuration_meets():
             assert set(OmegaConf.load(CONF / f"{job}.yaml")) <= known(job)
 
 
+@pytest.mark.parametrize("group", ["heldout", "comparison"])
+def test_quality_has_the_options_of_each_of_its_files(group):
+    for name in sorted(path.stem for path in (CONF / group).glob("*.yaml")):
+        options.check_options("quality", job_config("quality", f"{group}={name}", "backbones=null"))
+
+
+def test_trainings_accept_keys_that_recipes_add():
+    options.check_options("train", job_config("train", "data.train=[]", "data.validation=[]", "+faithful=true"))
+
+
 def test_groups_may_be_added_to_jobs_that_refuse_unknown_options():
     groups = ["+sweep=two_jobs", "scene=indoor", "+scene/imperfections=phone", "+scene.background=[0,0,0]"]
     options.check_options("enhance", job_config("enhance", *groups))

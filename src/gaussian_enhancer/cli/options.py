@@ -330,8 +330,8 @@ def options_of(job: str) -> type[Shared]:
 def check_options(job: str, cfg: DictConfig) -> None:
     """Refuse a configuration with an option of the wrong type, or out of bounds. Missing values (``???``) pass.
 
-    Unknown options, which Hydra adds with ``+NAME=VALUE``, are refused, since nothing reads them. Trainings accept
-    them: recipes and ablations add keys that other keys refer to.
+    Unknown options, which Hydra adds with ``+NAME=VALUE``, are refused, since nothing reads them. The jobs
+    ``train`` and ``train_generator`` accept them: recipes and ablations add keys that other keys refer to.
 
     Args:
         job: the job's name.

@@ -27,17 +27,20 @@ def start(runtime: DictConfig) -> torch.device:
         memory.retain_freed_memory()
     torch.set_num_threads(threads)
     torch.set_flush_denormal(True)  # denormals (below 1e-38) are tens of times slower and irrelevant to the results
-    _set_kernel_threads(threads)
+    set_kernel_threads(threads)
     return choose_device(runtime.device)
 
 
-def _set_kernel_threads(threads: int) -> None:
-    """Set the number of threads of compiled kernels.
+def set_kernel_threads(threads: int) -> None:
+    """Set the number of threads of compiled kernels, unless ``NUMBA_NUM_THREADS`` is set.
 
-    Numba reads ``NUMBA_NUM_THREADS`` when it is imported and whenever it compiles, and launches its threads when the
-    first kernel runs. If the variable has changed by the next compilation, it raises an error. Until the launch, the
-    variable is therefore read anew here; afterwards, the kernels of the calling thread can only be restricted to some
-    of the threads. Launching them here would break kernels in forked processes.
+    Numba reads the variable when it is imported and whenever it compiles, and launches its threads when the first
+    kernel runs. If the variable has changed by the next compilation, it raises an error. Until the launch, the variable
+    is therefore read anew here; afterwards, the kernels of the calling thread can only be restricted to some of the
+    threads. Launching them here would break kernels in forked processes.
+
+    Args:
+        threads: number of threads.
     """
     launcher = sys.modules.get("numba.np.ufunc.parallel")
     if launcher is not None and launcher._is_initialized:

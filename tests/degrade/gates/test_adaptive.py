@@ -32,7 +32,6 @@ from support.textured_photo import textured_photo
 
 TESTED = ("blur", "noise", "cloudy", "floater")
 SWITCHES = {name: name in TESTED for name in TYPES}
-SAME = dict.fromkeys(ENERGIES, 1.0)
 SIZE = (48, 64)
 
 
