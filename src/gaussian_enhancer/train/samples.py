@@ -34,8 +34,8 @@ from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.types import Batch, NetworkInput
 
-LAYOUT_VERSION = 6
-"""Version of the planes: of their layout, and of the alignment that makes them; part of the cache key."""
+LAYOUT_VERSION = 5
+"""Version of the layout of planes; part of the cache key."""
 FIXED_PLANES = 9
 """Planes before those of the references."""
 PLANES_PER_REFERENCE = 7
