@@ -223,8 +223,8 @@ class Reprojected:
                 mark_dark_pixels_visible(view, dark, target.image, depth, (camera, other), photo, reference.render)
                 for view, other, photo, reference in zip(warped, cameras, photos, references, strict=True)
             ]
-        compared = zip(warped, differences, strict=True)
-        order = rank_references([reference_weight(*pair, self.softness) for pair in compared], keep)
+        weights = [reference_weight(*pair, self.softness) for pair in zip(warped, differences, strict=True)]
+        order = rank_references(weights, keep)
         readers, fine = _fine_photo_readers([references[i] for i in order]), None
         if readers:
             sides = (4 * side for side in target.image.shape[-2:])

@@ -161,8 +161,15 @@ class _DistilState:
 
     def save(self) -> None:
         """Write the checkpoint, which replaces the previous one."""
-        state = {"identity": self._identity(), "step": self.step, "splat": self.splat().tensors()}
-        save_checkpoint(self.folder, state | {"optimiser": self.optimiser.state()})
+        save_checkpoint(
+            self.folder,
+            {
+                "identity": self._identity(),
+                "step": self.step,
+                "splat": self.splat().tensors(),
+                "optimiser": self.optimiser.state(),
+            },
+        )
 
     def _photo_loss(self) -> tuple[Tensor, Tensor]:
         """Loss on a training photo. In each pass of ``len(self.photos)`` steps, a photo is used at most once.

@@ -67,7 +67,7 @@ class Combination(nn.Module):
                 first.
         """
         height, width = fine.shape[-2:]
-        half_size = [_resized(values, height // 2, width // 2) for values in coarser]
+        half_size = [_resize(values, height // 2, width // 2) for values in coarser]
         if len(fine) == 1 and fine.dtype == torch.float32 and can_fuse(fine, render, *half_size):
             return self._combine_compiled(fine, render, half_size)
         x = F.relu(self.join(torch.cat([F.pixel_unshuffle(fine - render, 2), *half_size], dim=1)))
@@ -130,7 +130,7 @@ class Uncombined:
         return NoCombination()
 
 
-def _resized(image: Float[Tensor, "b d _ _"], height: int, width: int) -> Float[Tensor, "b d {height} {width}"]:
+def _resize(image: Float[Tensor, "b d _ _"], height: int, width: int) -> Float[Tensor, "b d {height} {width}"]:
     if image.shape[-2:] == (height, width):
         return image
     return F.interpolate(image, size=(height, width), mode="bilinear", align_corners=False)
