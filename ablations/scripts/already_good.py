@@ -43,7 +43,8 @@ ALLOWED = 0.02
 def measure_fit(fit: Path, count: int, pretrained: Pretrained, device: torch.device | None = None) -> Iterator[Record]:
     """One record a view: share of blocks that each order may pass through at a loss of `ALLOWED`, and remaining box."""
     rendered = read_run(fit)
-    targets = rendered.targets[:: max(1, len(rendered.targets) // count)][:count]
+    count = min(count, len(rendered.targets))
+    targets = tuple(rendered.targets[i * len(rendered.targets) // count] for i in range(count))
     rendered = replace(rendered, targets=targets)
     planner = Planner(Rules(references="auto"), pretrained.reference_config, rendered)
     enhancer = SetEnhancer(pretrained.network, pretrained.reference_config, device)

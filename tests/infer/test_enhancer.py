@@ -1,4 +1,5 @@
 import dataclasses
+from pathlib import Path
 
 import pytest
 import torch
@@ -250,6 +251,9 @@ def test_a_view_that_the_splat_was_fitted_to_stays_as_rendered_where_that_is_nea
     assert torch.equal(first.image, drawn) is first.unchanged
     assert own.name not in first.references
     assert not second.unchanged
+    renamed = dataclasses.replace(own, name=Path(own.name).with_suffix(".jpg").name)
+    as_jpg = dataclasses.replace(views, references=(renamed, *views.references[1:]))
+    assert next(iter(enhancer(as_jpg, None))).unchanged is first.unchanged
 
 
 def test_a_users_wish_for_no_reference_is_not_taken_for_a_lack_of_them():

@@ -95,5 +95,12 @@ def test_what_a_program_cannot_take_is_refused() -> None:
 
 
 def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.bin").touch()
     with pytest.raises(InputError, match="exported program"):
         load_program(tmp_path / "a.bin")
+
+
+@pytest.mark.parametrize("name", ["a.onnx", "a.pt2"])
+def test_a_file_that_does_not_exist_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match="does not exist"):
+        load_program(tmp_path / name)

@@ -12,7 +12,7 @@ from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.temporal_smoothing import smooth_change
 from gaussian_enhancer.network.ssif_sr import SSIFSR
 from gaussian_enhancer.scene.renders import read_run
-from support.networks import small_sif
+from support.networks import small_sif, trained
 from support.synthetic_runs import plane_camera, plane_view
 
 
@@ -64,6 +64,21 @@ def test_frames_of_a_run_are_steadied_in_their_order(plane_run):
     each = [one.image for one in SetEnhancer(small_sif(), ReferenceConfig(), temporal_smoothing=0.0)(rendered)]
     both = [one.image for one in SetEnhancer(small_sif(), ReferenceConfig(), temporal_smoothing=0.5)(rendered)]
     assert all(torch.equal(a, b) for a, b in zip(each, both, strict=True))  # untrained: there is no change to carry
+
+
+def test_a_smoothed_frame_is_not_passed_through(plane_run):
+    """The second frame is one that the splat was fitted to; its render takes over a share of the first one's change."""
+    rendered = read_run(plane_run)
+    own, held_out = rendered.references[0], rendered.targets[0]
+    drawn = (own.read_photo() + 0.01).clamp(0, 1)
+    fitted = dataclasses.replace(held_out, name=own.name, camera=own.camera, read=lambda: drawn)
+    frames = dataclasses.replace(rendered, targets=(held_out, fitted))
+    network = trained()
+    for smoothing, unchanged in ((0.0, True), (0.5, False)):
+        enhancer = SetEnhancer(network, ReferenceConfig(), colour_clamping=0, temporal_smoothing=smoothing)
+        _, second = enhancer(frames)
+        assert second.unchanged is unchanged
+        assert torch.equal(second.image, drawn) is unchanged
 
 
 @pytest.mark.parametrize("temporal_smoothing", [-0.1, 1.0])

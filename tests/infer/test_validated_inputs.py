@@ -61,6 +61,18 @@ def test_depth_of_another_scale_or_kind_is_found_out(change, words):
     assert re.search(words, depth_mismatch_reason(ReferencePool(wrong.references), ReferenceConfig(), wrong.targets))
 
 
+def test_a_view_into_the_void_is_no_reason_to_doubt_the_depth_of_others():
+    rendered = scene()
+    void = replace(rendered.targets[0], read_depth=lambda: torch.zeros(1, 96, 128))
+    targets = (void, rendered.targets[1])
+    assert depth_mismatch_reason(ReferencePool(rendered.references), ReferenceConfig(), targets) == ""
+
+
+def test_depth_is_not_judged_by_the_only_photo_if_it_is_the_views_own():
+    own = ReferencePool((slanted(0),))
+    assert depth_mismatch_reason(own, ReferenceConfig(), (slanted(0, lambda z: z * 2),)) == ""
+
+
 def test_one_view_that_fits_is_enough_and_no_other_is_read():
     def unread() -> torch.Tensor:
         raise AssertionError("read")

@@ -80,7 +80,7 @@ def part(name):
         "gather without depth": lambda t: gather(example(depth=False)),
         "compose": lambda t: compose(t(decoded), views, trust),
         "compose without renders": lambda t: compose(t(decoded), example(renders=False), trust),
-        "shrink": lambda t: average_views(views, 2).references,
+        "shrink": lambda t: average_views(views).references,
         "enlarge by 2": lambda t: upsample_bicubic(views.references[0], 2),
         "enlarge by 4": lambda t: upsample_bicubic(views.references[0], 4),
         "merge": lambda t: merge(views, seen, trust),

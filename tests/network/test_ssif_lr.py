@@ -60,7 +60,7 @@ def test_coarsest_scale_is_aligned_to_its_own_first_result():
     network, seen = trained(small), views()
     for parameter in network.settle.parameters():
         torch.nn.init.zeros_(parameter)
-    coarse = average_views(pad_to_stride(seen, 16), 4)
+    coarse = average_views(average_views(pad_to_stride(seen, 16)))
     gather = network.gather[0]
     first = network.output(network.decode[0](gather(coarse)[0]), coarse, gather(coarse)[1])
     torch.testing.assert_close(network.stages(seen)[0], first[..., :6, :10])

@@ -103,6 +103,20 @@ def test_scale_follows_the_size_of_codes():
     torch.testing.assert_close(module.model.grid_scale.flatten(), expected, rtol=1e-3, atol=1e-4)
 
 
+@pytest.mark.parametrize("kind", ["paired", "diffused"])
+def test_schedulers_watch_a_value_that_their_step_logs(kind):
+    logged, plateau = [], partial(torch.optim.lr_scheduler.ReduceLROnPlateau, factor=0.5)
+    module = quiet(
+        PairedModule(model(), PIXELS_ALONE, ADAM, plateau)
+        if kind == "paired"
+        else DiffusedModule(model(), PIXELS_ALONE, ADAM, Sampler(steps=2), plateau)
+    )
+    module.log = lambda name, *args, **kwargs: logged.append(name)
+    module.log_dict = lambda values, **kwargs: logged.extend(values)
+    module.validation_step(batch(), 0)
+    assert module.configure_optimizers()["lr_scheduler"]["monitor"] in logged
+
+
 def test_batches_without_real_renders_are_refused():
     module = quiet(PairedModule(model(), GeneratorLoss(), ADAM))
     plain = Batch(batch().views, batch().photo, ("a", "b"))

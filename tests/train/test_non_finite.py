@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import pytest
 import torch
@@ -14,9 +15,11 @@ from gaussian_enhancer.loss.terms import DSSIM, Charbonnier
 from gaussian_enhancer.loss.weighted_sum import Weighted, WeightedLoss
 from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.scene.renders import read_run
+from gaussian_enhancer.train.data import RunsData
 from gaussian_enhancer.train.metrics import gains
 from gaussian_enhancer.train.module import EnhancerModule
 from gaussian_enhancer.train.non_finite import MIN_CROPS, NonFiniteFilter, finite_samples, refuse_bad, zero_samples
+from gaussian_enhancer.train.run_samples import RunSamples
 from gaussian_enhancer.train.samples import Sample, prepare_samples
 from gaussian_enhancer.types import Batch, NetworkInput
 
@@ -142,6 +145,20 @@ def test_a_view_that_is_not_finite_is_prepared_by_name_alone(plane_run, tmp_path
     assert "dropped view_000.png" in capsys.readouterr().err
     with pytest.raises(InputError, match="1 samples of 2"):
         refuse_bad(["view_000.png: its photo is not finite"], 2, 0.01)
+
+
+def test_a_source_without_a_finite_sample_is_named(plane_run, other_plane_run, tmp_path, monkeypatch):
+    held_out = RunSamples.held_out
+
+    def spoil(self, run, *options):
+        samples = held_out(self, run, *options)
+        return [replace(sample, bad="photo") for sample in samples] if Path(run).name == plane_run.name else samples
+
+    monkeypatch.setattr(RunSamples, "held_out", spoil)
+    for trained, validated in ((plane_run, other_plane_run), (other_plane_run, plane_run)):
+        samples = RunSamples(ReferenceConfig(), tmp_path, bad_share=1.0, progress=False)
+        with pytest.raises(InputError, match="all others of its runs are not finite"):
+            RunsData([str(trained)], [str(validated)], samples).setup()
 
 
 @pytest.fixture

@@ -2,7 +2,9 @@ import dataclasses
 import hashlib
 import json
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
@@ -48,6 +50,17 @@ def test_samples_are_prepared_once_for_each_preparation(plane_run, tmp_path):
     other = prepare_samples(rendered, ReferenceConfig(Unwarped(), 2, 2), tmp_path, "a")
     assert other[0].path != first[0].path
     assert prepare_samples(rendered, ReferenceConfig(), tmp_path, "b")[0].path != first[0].path
+
+
+def test_prepared_samples_may_be_moved(plane_run, tmp_path, monkeypatch):
+    """The cache is named relative to the working folder, and read from another one after a move."""
+    monkeypatch.chdir(tmp_path)
+    first = prepare_samples(read_run(plane_run), ReferenceConfig(), Path("samples"), "a")
+    (tmp_path / "samples").rename(tmp_path / "moved")
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    again = prepare_samples(read_run(plane_run), ReferenceConfig(), Path("../moved"), "a")
+    assert (again[0].planes() == np.load(tmp_path / "moved" / Path(*Path(first[0].path).parts[1:]))).all()
 
 
 def test_photos_are_brought_to_the_exposure_of_their_render_where_asked(plane_run, tmp_path):

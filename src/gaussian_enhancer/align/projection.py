@@ -224,7 +224,9 @@ def sample_image(
 
 
 def can_use_kernels(*images: Tensor) -> bool:
-    """Whether the compiled kernels can be used: single precision, on the CPU, and no gradient required."""
+    """Whether the compiled kernels can be used: single precision, on the CPU, no gradient required, and no tracing."""
+    if torch.compiler.is_compiling() or torch.jit.is_tracing():
+        return False
     return all(
         image.device.type == "cpu"
         and image.dtype == torch.float32

@@ -89,7 +89,6 @@ def _train_steps(cfg: DictConfig, job: Run, design: FactorDesign, data: Any) -> 
             step_validation = _train_step(cfg, job, step, design, data)
             if step_validation is None:
                 return None
-            write_text(job.folder / f"{step}.json", json.dumps(step_validation))
         validation |= json.loads((job.folder / f"{step}.json").read_text())
     return validation
 
@@ -116,5 +115,6 @@ def _train_step(cfg: DictConfig, job: Run, step: str, design: FactorDesign, data
         if trainer.interrupted or trainer.global_step < steps:
             return None
         validation = {name: float(value) for name, value in trainer.validate(module, data, verbose=False)[0].items()}
-    save_model(job.folder / f"{step}.safetensors", module.model, {})
+    write_text(job.folder / f"{step}.json", json.dumps(validation))
+    save_model(job.folder / f"{step}.safetensors", module.model, {})  # last: its file marks the step as done
     return validation

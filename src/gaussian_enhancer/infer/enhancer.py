@@ -7,6 +7,7 @@ import dataclasses
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import torch
 from jaxtyping import Float
@@ -151,9 +152,9 @@ class SetEnhancer:
     ) -> Iterator[EnhancedView]:
         """Enhance each target of a set, in its order.
 
-        A target with the name and the camera of a reference is a view that the splat was fitted to. If the fit has
-        converged, photos of other views make such a view worse. Its render is kept where it is closer than the
-        enhanced image to the view's own photo.
+        A target with the name (without its ending) and the camera of a reference is a view that the splat was fitted
+        to. If the fit has converged, photos of other views make such a view worse. Its render is kept where it is
+        closer than the enhanced image to the view's own photo.
 
         Args:
             rendered: targets and references.
@@ -169,17 +170,18 @@ class SetEnhancer:
         pool = planner.pool if planner is not None else ReferencePool(rendered.references) if pool is None else pool
         fitted_views: dict[str, int] = {}
         if self.reference_config.references and self.network.scale == 1:
-            fitted_views = {view.name: i for i, view in enumerate(pool.views) if view.read_photo is not None}
+            fitted_views = {Path(view.name).stem: i for i, view in enumerate(pool.views) if view.read_photo is not None}
         for enhanced, target in self._enhance_each(rendered, planner, pool, features):
-            reference_index = fitted_views.get(enhanced.name)
+            reference_index = fitted_views.get(Path(enhanced.name).stem)
             if reference_index is not None and _better_as_rendered(target, enhanced.image, pool, reference_index):
                 enhanced = dataclasses.replace(enhanced, image=target.image.clamp(0, 1), unchanged=True)
             if not self.temporal_smoothing or self._cannot_be_smoothed(enhanced, target):
                 yield enhanced
                 previous = None
                 continue
+            unchanged = enhanced.unchanged and previous is None
             image, previous = smooth_change(enhanced.image, target, previous, self.temporal_smoothing)
-            yield dataclasses.replace(enhanced, image=image)
+            yield dataclasses.replace(enhanced, image=image, unchanged=unchanged)
 
     def _enhance_each(
         self,
@@ -225,7 +227,6 @@ class SetEnhancer:
         scale, chosen_references = self.network.scale, planner.reference_indices(plan)
         scene_depth_unit = None if target.depth is None else depth_unit(target.depth[None])
         image = upsample_bicubic(target.image[None], scale)[0].clamp(0, 1)
-        image = image.clone() if scale == 1 else image  # the reader may cache this tensor
         names: tuple[str, ...] = ()
         network_seconds, coverage = 0.0, target.image.new_zeros(1, height, width) if self.keeps_coverage else None
         for region in plan.regions or ():

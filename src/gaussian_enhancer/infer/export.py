@@ -268,8 +268,10 @@ def load_program(path: Path) -> LoadedProgram:
     A ``.pt2`` archive can run code; read only those that you wrote.
 
     Raises:
-        InputError: the file is of neither kind, or was not written by `export_network`.
+        InputError: the file does not exist, is of neither kind, or was not written by `export_network`.
     """
+    if not path.is_file():
+        raise InputError(path, "does not exist", "name a file that the job export wrote")
     if path.suffix == ENDINGS["onnx"]:
         require_onnx()
         import onnxruntime

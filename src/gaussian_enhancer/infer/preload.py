@@ -18,8 +18,9 @@ def validation_reads(
 ) -> list[Callable[[], object]]:
     """The reads that find damaged files before the first image is written.
 
-    Targets are planned as they are read. Their candidate references are read and stay in memory; other references are
-    not read. Targets that are rendered from a splat are planned when they are enhanced, unless ``render_splat`` is set.
+    Targets are planned as they are read. Their candidate references are read, and the last ones read stay in memory;
+    other references are not read. Targets that are rendered from a splat are planned when they are enhanced, unless
+    ``render_splat`` is set.
 
     Args:
         inputs: the validated input.

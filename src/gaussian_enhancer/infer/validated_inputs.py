@@ -36,7 +36,7 @@ class ValidatedInputs:
         rendered: the set without the parts that cannot be used.
         reference_config: how references are chosen and aligned, as far as the input allows.
         parts: which parts are used, and why others are not.
-        pool: the set's references; those that were read for validation are in memory.
+        pool: the set's references; the last ones that were read for validation are in memory.
         unreached: names of the targets to which no reference can be warped, if there are other targets to which
             references can be warped.
     """
@@ -130,15 +130,18 @@ def depth_mismatch_reason(pool: ReferencePool, reference_config: ReferenceConfig
         reference_config: how references are warped.
         views: targets with cameras and depth.
     """
-    better, warp = "", reference_config.warp
+    better, warp, empty = "", reference_config.warp, []
     for view in views:
         target = read_target(view)
         if target.depth is None or not bool(usable_depth(target.depth).any()):
-            return f"the depth of {target.name} holds no finite positive value"
+            empty.append(target.name)  # the view may look past the splat
+            continue
         has_cameras = all(posed.camera is not None for posed in (view, *pool.views))
         if not isinstance(warp, Reprojected) or not pool.views or not has_cameras:
             continue
         nearest = choose_references(view, pool.views, 2)
+        if not nearest:  # the view's own photo is the only one
+            continue
         references = [replace(coarsen(pool.read(index)), depth=None) for index in nearest]
         coarse_target = coarsen(target)
         if coarse_target.depth is None or not bool(usable_depth(coarse_target.depth).any()):
@@ -154,6 +157,8 @@ def depth_mismatch_reason(pool: ReferencePool, reference_config: ReferenceConfig
         if best[0] >= BETTER_RATIO * disagreement:
             return ""  # one view that the depth fits is enough
         better = better or best[1]
+    if empty and len(empty) == len(views):
+        return f"the depth of {empty[0]} holds no finite positive value"
     return f"the depth is none of what the renders show ({better} fits better)" if better else ""
 
 

@@ -33,34 +33,30 @@ def pad_to_stride(views: NetworkInput, stride: int) -> NetworkInput:
     return views.map_images(pad)
 
 
-def average_views(views: NetworkInput, factor: int) -> NetworkInput:
-    """Average all images over squares of pixels; sides are multiples of the factor.
+def average_views(views: NetworkInput) -> NetworkInput:
+    """Average all images over squares of 2x2 pixels; sides are even.
 
     References and their renders are averaged with visibility as weight, depth as inverse depth over usable pixels. The
     depth unit remains that of the full size.
 
     Args:
         views: network input at full size.
-        factor: side of the squares in pixels.
     """
-    if factor == 1:
-        return views
-    size = tuple(side // factor for side in views.render.shape[-2:])
-    photos, renders, share = _shrunk_references(views, factor, size)
+    photos, renders, share = _averaged_references(views)
 
     depth, unit = views.depth, views.depth_unit
     if depth is not None:
         unit = depth_unit(depth) if unit is None else unit
         usable = usable_depth(depth)
         inverse = torch.where(usable, 1 / torch.where(usable, depth, torch.ones_like(depth)), torch.zeros_like(depth))
-        mean, covered = _average(inverse, factor, size), _average(usable.to(depth.dtype), factor, size)
+        mean, covered = halve(inverse), halve(usable.to(depth.dtype))
         depth = torch.where(covered > 0, covered / torch.where(covered > 0, mean, torch.ones_like(mean)), 0.0)
     return NetworkInput(
-        _average(views.render, factor, size),
+        halve(views.render),
         photos,
         share,
         depth,
-        None if views.alpha is None else _average(views.alpha, factor, size),
+        None if views.alpha is None else halve(views.alpha),
         unit,
         renders,
     )
@@ -74,8 +70,8 @@ def three_scales(views: NetworkInput, stride: int) -> tuple[NetworkInput, Networ
         stride: both sides are padded to a multiple of this number, which is itself a multiple of 4.
     """
     full = pad_to_stride(views, stride)
-    half = average_views(full, 2)
-    return average_views(half, 2), half, full
+    half = average_views(full)
+    return average_views(half), half, full
 
 
 def upsample_bicubic(image: Float[Tensor, "b c h w"], scale: int) -> Float[Tensor, "b c H W"]:
@@ -110,27 +106,17 @@ def _cubic_phases(scale: int) -> tuple[np.ndarray, np.ndarray]:
     return np.where(distance <= 1, near, far).astype(np.float32), floor.astype(np.int64) - 1
 
 
-def _average(image: Tensor, factor: int, size: tuple[int, ...]) -> Tensor:
-    if factor == 2:
-        return halve(image)
-    flat = image.reshape(-1, *image.shape[-3:])
-    if flat.shape[0] == 0:
-        return image.new_zeros(*image.shape[:-2], *size)
-    flat = F.avg_pool2d(flat, factor)
-    return flat.reshape(*image.shape[:-2], *flat.shape[-2:])
-
-
-def _shrunk_references(
-    views: NetworkInput, factor: int, size: tuple[int, ...]
+def _averaged_references(
+    views: NetworkInput,
 ) -> tuple[Float[Tensor, "b r 3 _ _"], Float[Tensor, "b r 3 _ _"] | None, Float[Tensor, "b r 1 _ _"]]:
     """References and their renders, averaged with visibility as weight, and the mean visibility."""
     images = views.references, views.reference_renders, views.visibility
-    if factor == 2 and can_fuse(*images):
+    if can_fuse(*images):
         return _halved_references(*images)
-    share = _average(views.visibility, factor, size)
+    share = halve(views.visibility)
 
     def visible_mean(image: Tensor) -> Tensor:
-        return _average(image * views.visibility, factor, size) / share.clamp_min(1e-6) * (share > 0)
+        return halve(image * views.visibility) / share.clamp_min(1e-6) * (share > 0)
 
     renders = views.reference_renders
     return visible_mean(views.references), None if renders is None else visible_mean(renders), share
@@ -141,7 +127,7 @@ def _halved_references(
     renders: Float[Tensor, "b r 3 h w"] | None,
     visibility: Float[Tensor, "b r 1 h w"],
 ) -> tuple[Float[Tensor, "b r 3 _ _"], Float[Tensor, "b r 3 _ _"] | None, Float[Tensor, "b r 1 _ _"]]:
-    """Compiled version of `_shrunk_references` for a factor of 2, in one pass over memory, where `can_fuse` holds."""
+    """Compiled version of `_averaged_references`, in one pass over memory, where `can_fuse` holds."""
     from gaussian_enhancer.network.bfloat16_kernels import shrink
 
     inputs = [plane(image.flatten(0, 1)) for image in (photos, photos if renders is None else renders, visibility)]

@@ -164,10 +164,14 @@ class RunsData(LightningDataModule):
         """Remove the samples that are not finite.
 
         Raises:
-            InputError: too many samples are not finite.
+            InputError: too many samples are not finite, or all of a source or of the validation.
         """
         samples = [sample for source in (*self.sources, self.held_out) for sample in source]
         bad = [f"{sample.name}: its {sample.bad} is not finite" for sample in samples if sample.bad]
         refuse_bad(bad, len(samples), self.samples.bad_share)
+        for source in (*self.sources, self.held_out):
+            held_out = [sample for sample in source if sample.held_out]
+            if held_out and all(sample.bad for sample in held_out):
+                raise InputError(held_out[0].name, "and all others of its runs are not finite", "leave these runs out")
         self.sources = [[sample for sample in source if not sample.bad] for source in self.sources]
         self.held_out = [sample for sample in self.held_out if not sample.bad]

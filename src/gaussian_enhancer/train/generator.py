@@ -41,6 +41,9 @@ class GeneratorLoss:
 class _GeneratorModule(LightningModule):
     """Base of both steps: reads a batch and configures the optimizer."""
 
+    monitor: str
+    """Name of the logged value that schedulers of the learning rate watch."""
+
     def __init__(
         self,
         model: FactorModel,
@@ -67,7 +70,7 @@ class _GeneratorModule(LightningModule):
     def configure_optimizers(self) -> Any:
         """Optimizer of the parameters that this step trains."""
         groups = [{"params": [p for p in self.parameters() if p.requires_grad]}]
-        return optimizer_configuration(groups, self.optimizer, self.lr_scheduler, monitor="gain/paired")
+        return optimizer_configuration(groups, self.optimizer, self.lr_scheduler, monitor=self.monitor)
 
     def _log_values(self, values: dict[str, Tensor], batch: Batch) -> None:
         self.log_dict({f"train/{name}": value.detach() for name, value in values.items()}, batch_size=len(batch.names))
@@ -83,6 +86,8 @@ class PairedModule(_GeneratorModule):
         lr_scheduler: makes the learning-rate scheduler from the optimizer; None keeps the learning rate.
         seed: seed of all noise.
     """
+
+    monitor = "gain/paired"
 
     def __init__(
         self,
@@ -145,6 +150,8 @@ class DiffusedModule(_GeneratorModule):
         lr_scheduler: makes the learning-rate scheduler from the optimizer; None keeps the learning rate.
         seed: seed of all noise.
     """
+
+    monitor = "gain/diffused"
 
     def __init__(
         self,

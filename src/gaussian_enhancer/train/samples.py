@@ -147,8 +147,13 @@ def prepare_samples(
 
 
 def _read_index(index: Path) -> list[Sample]:
-    """Read the samples of a prepared set from its index."""
-    return [Sample(**entry) for entry in json.loads(index.read_text())]
+    """Read the samples of a prepared set from its index, whose files are beside it wherever the cache has moved to."""
+
+    def beside(path: str) -> str:
+        return path and str(index.parent / Path(path).name)
+
+    samples = [Sample(**entry) for entry in json.loads(index.read_text())]
+    return [dataclasses.replace(sample, path=beside(sample.path), fine=beside(sample.fine)) for sample in samples]
 
 
 def training_targets(rendered: RenderedSet) -> RenderedSet:

@@ -53,8 +53,8 @@ class ValidationImages(Callback):
             *_: unused.
         """
         position, enhanced = outputs["position"], outputs["enhanced"]
-        stride = max(1, len(trainer.val_dataloaders.dataset) // IMAGE_COUNT)  # type: ignore[union-attr]
-        if self.loggers and position % stride == 0 and position // stride < IMAGE_COUNT:
+        views = len(trainer.val_dataloaders.dataset)  # type: ignore[union-attr]
+        if self.loggers and position in [i * views // IMAGE_COUNT for i in range(IMAGE_COUNT)]:
             raw = quantise_8_bit(upsample_bicubic(batch.views.render, pl_module.network.scale))  # type: ignore[arg-type,union-attr]
             self.pending_images.append((position, batch.names[0], side_by_side(raw[0], enhanced[0], batch.photo[0])))
 

@@ -78,7 +78,7 @@ def test_references_are_aligned_again_to_the_decoded_quarter():
     network.encode_coarsest.register_forward_pre_hook(lambda _, inputs: read.update(image=inputs[0]))
     network.align_again.register_forward_pre_hook(lambda _, inputs: read.update(references=inputs[1]))
     network(seen)
-    coarse = average_views(average_views(pad_to_stride(seen, network.stride), 2), 2)
+    coarse = average_views(average_views(pad_to_stride(seen, network.stride)))
     first = network.scales[0](coarse, network.encode(seen)[0])
     torch.testing.assert_close(read["image"] + 0.5, first)
     torch.testing.assert_close(read["references"], network.encode(seen)[0])

@@ -201,8 +201,9 @@ def calibrate_on_splat(
     """
     fingerprint = fingerprint_of_training_views(rendered)
     readers = [view.read_photo for view in rendered.references if view.read_photo is not None]
-    chosen_readers = readers[:: max(1, len(readers) // photos)][:photos]
-    return calibrate_gate(fingerprint, [read() for read in chosen_readers], generator, types=types)
+    count = min(photos, len(readers))
+    chosen = [readers[i * len(readers) // count]() for i in range(count)]
+    return calibrate_gate(fingerprint, chosen, generator, types=types)
 
 
 def calibrate_gate(

@@ -62,7 +62,9 @@ class PaperSSIFLR(CachesReferences):
 
     def encode(self, views: NetworkInput) -> tuple[Float[Tensor, "b r c _ _"], ...]:
         """Features of the references at each scale."""
-        pyramid = three_scales(views, self.stride)
+        return self._encode_scales(three_scales(views, self.stride))
+
+    def _encode_scales(self, pyramid: Sequence[NetworkInput]) -> tuple[Float[Tensor, "b r c _ _"], ...]:
         return tuple(
             self._scale(k).encode_reference.encode_each(scale_views.references - 0.5)
             for k, scale_views in enumerate(pyramid)
@@ -74,7 +76,7 @@ class PaperSSIFLR(CachesReferences):
         """E at 1/4, 1/2 and full resolution, the sides of coarser ones rounded up; from at most two references."""
         height, width = views.render.shape[-2:]
         pyramid = three_scales(views, self.stride)
-        references = self.encode(views) if encoded is None else encoded
+        references = self._encode_scales(pyramid) if encoded is None else encoded
         quarter = self._scale(0)(pyramid[0], references[0])
         quarter = self._realign_coarsest(quarter, pyramid[0], references[0])
         half = self.combine(self._scale(1)(pyramid[1], references[1]), quarter)
