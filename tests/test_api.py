@@ -274,6 +274,8 @@ def test_mistakes_are_refused_with_their_remedy(views, enhancer, tmp_path):
         ("plan: is 'some'", lambda: Enhancer.from_pretrained("lr_tiny", plan="some")),
         ("background", lambda: Enhancer.from_pretrained("lr_tiny", background=(0, 0, 255))),
         ("device: is 'gpu'", lambda: Enhancer.from_pretrained("lr_tiny", device="gpu")),
+        ("device: is 'meta'", lambda: Enhancer.from_pretrained("lr_tiny", device="meta")),
+        ("device: is 'xpu'", lambda: Enhancer.from_pretrained("lr_tiny", device="xpu")),
         ("nothing to enhance", lambda: enhance_folder(output=tmp_path / "none")),
     ):  # fmt: skip
         with pytest.raises(InputError, match=words):

@@ -29,6 +29,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.presets import Preset, write_presets
 from gaussian_enhancer.metrics.lpips import requested_distances
 from gaussian_enhancer.metrics.records import Record, read_records
+from gaussian_enhancer.runs.time_budget import BUDGET_KEYS
 
 CONSOLE = Console(stderr=True)
 KINDS = ("quality", "training", "numerics")
@@ -112,7 +113,7 @@ def write_report(cfg: DictConfig, compared: Sequence[TradeoffStudy], limits: Tra
 
 
 def choose_presets(studies: Sequence[TradeoffStudy], records: Iterable[Record]) -> tuple[Preset, ...]:
-    """The Pareto front, on validation scenes, of the settings that the job enhance has options for.
+    """The Pareto front, on validation scenes, of the settings that a budget may choose (`BUDGET_KEYS`).
 
     Args:
         studies: of conf/curves; presets are taken from `OFFERING`.
@@ -126,6 +127,7 @@ def choose_presets(studies: Sequence[TradeoffStudy], records: Iterable[Record]) 
     for record in records:
         study, _, name = record.variant.partition("/")
         usable = study == OFFERING and name in settings and settings[name].reproducible_by_enhance
+        usable = usable and {option.partition("=")[0] for option in settings[name].enhance} <= set(BUDGET_KEYS)
         if usable and record.scene.startswith(CHOOSING):
             candidates.append(replace(record, variant=name))
     if not candidates:

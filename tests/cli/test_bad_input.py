@@ -153,6 +153,11 @@ def test_measure_files(measured: tuple[str, ...], refused: Refused, case: str) -
         (("background=[0,0]",), "background: is [0, 0]"),
         (("background=[red,0,0]",), "background: is ['red', 0, 0]"),
         (("masks=photos", "raw=none"), "none: is no folder"),
+        (("step=7",), "step: was given beside images"),
+        (("raw=photos", "variant=mine"), "variant: is 'mine' beside raw"),
+        (("images=null", "photos=null", "run=out", "masks=photos"), "masks: was given beside run"),
+        (("images=null", "photos=null", "run=out", "variant=x"), "variant: was given beside run"),
+        (("images=null", "photos=null", "run=out", "unmatched=drop"), "unmatched: was given beside run"),
     ],
 )
 def test_measure_options(measured: tuple[str, ...], refused: Refused, words: tuple[str, ...], message: str) -> None:
@@ -313,6 +318,13 @@ def test_fit_into_the_folder_of_another_fit(capture: Path, refused: Refused) -> 
     assert "out: holds an unfinished run of another configuration" in line
 
 
+@pytest.mark.parametrize("name", ["splat.ply", "cameras.json"])
+def test_a_splat_of_the_user_is_not_replaced(capture: Path, refused: Refused, name: str) -> None:
+    Path("mine").mkdir()
+    Path("mine", name).write_bytes(b"precious")
+    assert f"mine/{name}: belongs to no run of this program" in refused(*fit(capture, "output=mine"))
+
+
 def test_two_fits_into_one_folder(capture: Path, refused: Refused) -> None:
     Path("out").mkdir()
     with FileLock("out/.lock"):  # another process's, as far as this one knows
@@ -390,6 +402,40 @@ TARGET = "test/ours_2/renders/0.png"
 def test_enhance_accepts_what_the_cases_below_spoil(workplace: None, form: str) -> None:
     cli.main([*FORMS[form], "output=out"])
     assert [p.name for p in sorted(Path("out").iterdir()) if p.is_file()] == ["0.png", "8.png"]
+
+
+@pytest.mark.parametrize("distil", ["false", "true"])
+@pytest.mark.parametrize(
+    ("word", "name"), [("precision=fp16", "precision"), ("tile=100", "tile"), ("strength=2", "strength")]
+)
+def test_options_are_refused_before_anything_is_computed(
+    workplace: None, refused: Refused, monkeypatch: pytest.MonkeyPatch, word: str, name: str, distil: str
+) -> None:
+    def compute(*_: object, **__: object) -> None:
+        raise AssertionError("computed")
+
+    monkeypatch.setattr("gaussian_enhancer.runs.enhancement.recover_geometry", compute)
+    monkeypatch.setattr("gaussian_enhancer.cli.distil.distil_run", compute)
+    form = "run" if distil == "true" else "renders"
+    assert f"gaussian-enhancer: {name}: " in refused(*FORMS[form], word, f"distil={distil}")
+
+
+@pytest.mark.parametrize("job", ["video", "view", "distil"])
+def test_a_capture_beside_a_run_is_refused(workplace: None, refused: Refused, job: str) -> None:
+    line = refused(job, "run=fitted", "scene=transforms", "scene.path=capture")
+    assert "scene: was given beside run; leave scene out" in line
+
+
+def test_an_output_that_is_a_file_is_refused(workplace: None, refused: Refused) -> None:
+    assert "w.safetensors: cannot be written: it is a file" in refused(*FORMS["run"], "output=w.safetensors")
+
+
+def test_a_report_of_nothing_is_refused(refused: Refused) -> None:
+    assert "measured" in refused("report")
+
+
+def test_weights_of_the_demo_are_looked_for_first(refused: Refused) -> None:
+    assert "weights nope: is neither a file nor a shipped name" in refused("demo", "weights=nope")
 
 
 @pytest.mark.parametrize("job", ["enhance", "video", "view", "distil"])

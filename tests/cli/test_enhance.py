@@ -79,6 +79,19 @@ def test_a_run_that_is_enhanced_again_and_stopped_is_not_done(plane_run, weights
     assert (folder / "done").is_file()
 
 
+def test_views_that_the_input_no_longer_holds_leave_the_run(plane_run, weights, tmp_path):
+    side = plane_run / "test/ours_100"
+    shutil.copytree(side / "renders", tmp_path / "renders")
+    words = [f"renders={tmp_path / 'renders'}", f"photos={side / 'gt'}", "max_references=0", f"weights={weights}"]
+    words += [f"references={plane_run / 'train/ours_100/gt'}", f"runs={tmp_path}"]
+    for names in (["view_000.png", "view_004.png"], ["view_004.png"]):
+        run(configured(*words))
+        (folder,) = (tmp_path / "enhance").iterdir()
+        for part in ("renders", "enhanced", "gt"):
+            assert sorted(path.name for path in folder.glob(f"test/*/{part}/*")) == names
+        (tmp_path / "renders/view_000.png").unlink(missing_ok=True)
+
+
 def test_a_weights_file_with_new_content_leads_to_another_run(weights, tmp_path):
     path = tmp_path / "mine.safetensors"
     path.write_bytes(weights.read_bytes())

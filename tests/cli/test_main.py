@@ -104,6 +104,9 @@ MISTAKES = {
     "colour=green": "colour: has no choice 'green'; choose blue, red",
     "path=a=b": """override path=a=b: cannot be parsed (mismatched input '=' expecting <EOF>); """
     """quote the value twice: path='"a=b"'""",
+    "path=Tom's": """override path=Tom's: cannot be parsed (LexerNoViableAltException: path=Tom's); """
+    """quote the value twice: path='"Tom'"'"'s"'""",
+    "--photos": "argument --photos: is unknown; options are key=value: gaussian-enhancer toy --help",
     "runtime.threads=abc": "runtime.threads: is 'abc'; give a whole number",
     "runtime=null": "runtime: is None; give names and values",
     "output=[1]": "output: is [1]; give text or null",
@@ -122,6 +125,12 @@ def test_a_mistake_is_one_line_in_a_run_and_in_a_sweep(toy_job, capsys, word, sw
         cli.main(["toy", *sweep, word])
     assert capsys.readouterr().err == f"gaussian-enhancer: {MISTAKES[word]}\n"
     assert stop.value.code == 2
+
+
+def test_the_home_folder_is_found_in_overrides(toy_job, monkeypatch, tmp_path):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    cli.main(["toy", "path=~/photos"])
+    assert toy_job[0]["path"] == f"{tmp_path}/photos"
 
 
 def test_the_other_runs_of_a_sweep_are_made_where_one_is_refused(toy_job, capsys):

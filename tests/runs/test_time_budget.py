@@ -1,6 +1,5 @@
 """``enhance budget_ms=``: the choice, its limits, the machine's speed, what is refused."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -109,4 +108,4 @@ def test_shipped_settings_if_there_are_any_name_shipped_weights() -> None:
     if budget.PRESETS.is_file():
         for one in read_presets(budget.PRESETS):
             assert (budget.PRESETS.parent / f"{one.weights}.safetensors").is_file()
-            json.dumps(one.enhance)
+            assert {option.partition("=")[0] for option in one.enhance} <= set(budget.BUDGET_KEYS)

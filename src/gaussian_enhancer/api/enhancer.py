@@ -266,4 +266,8 @@ def _device(device: str | torch.device | None) -> torch.device:
         raise InputError("device", f"is {device!r}", 'give "cpu" or "cuda"') from error
     if chosen.type == "cuda" and not torch.cuda.is_available():
         raise InputError("device", f"is {device!r}, but torch finds no CUDA device", 'give "cpu"')
+    try:
+        torch.zeros(1, device=chosen).cpu()
+    except (RuntimeError, AssertionError, NotImplementedError) as error:
+        raise InputError("device", f"is {device!r}, which torch cannot use here", 'give "cpu" or "cuda"') from error
     return chosen

@@ -65,7 +65,7 @@ def distil_splat(
     target_device = choose_device("auto" if device is None else device)
     distil_settings = DistilSettings() if settings is None else settings
     enhancement_options = EnhancementOptions.of(**{"plan": "full", **options})
-    if run is None and isinstance(scene, str | Path):
+    if isinstance(scene, str | Path):
         scene = open_capture(scene, downscale=downscale)
     splat, capture = find_splat_and_capture(run, gaussians, scene if isinstance(scene, Scene) else None)
     task = distil_task(splat, capture, distil_settings, prune, method=method, device=target_device)

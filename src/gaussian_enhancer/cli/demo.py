@@ -10,6 +10,7 @@ from pathlib import Path
 from omegaconf import DictConfig, open_dict
 from rich.console import Console
 
+from gaussian_enhancer.checkpoint import find_checkpoint
 from gaussian_enhancer.cli.pipeline import enhance_run, fit_run, measure_run
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.metrics.comparison import compare, gain_table, pair_records, view_table
@@ -29,6 +30,7 @@ def run(cfg: DictConfig) -> float | None:
     """
     started = time.monotonic()
     console = Console(stderr=True)
+    find_checkpoint(cfg.weights)  # refuses unknown weights before minutes of fitting
     fit_folder = _fit(cfg, console)
     console.rule("2 of 3  enhance the held-out views", align="left")
     folder = enhance_run(compose_job("enhance", cfg, run=str(fit_folder), weights=cfg.weights))

@@ -16,17 +16,29 @@ from gaussian_enhancer.infer.plan import Plan
 from gaussian_enhancer.infer.preload import validation_reads
 from gaussian_enhancer.metrics.records import write_records
 from gaussian_enhancer.runs.compose import compose_job
-from gaussian_enhancer.runs.enhancement import load_enhancement, lost_references, naming_configuration, process_count
+from gaussian_enhancer.runs.enhancement import (
+    load_enhancement,
+    load_options,
+    lost_references,
+    naming_configuration,
+    process_count,
+)
 from gaussian_enhancer.runs.inputs import Task
 from gaussian_enhancer.runs.instantiate import build
-from gaussian_enhancer.runs.output import cost_records, write_enhanced, write_sources
+from gaussian_enhancer.runs.output import cost_records, remove_other_views, write_enhanced, write_sources
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.runs.time_budget import apply_budget
 
 
 def output_path(cfg: DictConfig) -> Path | None:
-    """The folder ``output``, which is not a run; None if a run's folder is created, or nothing is written."""
+    """The folder ``output``, which is not a run; None if a run's folder is created, or nothing is written.
+
+    Raises:
+        InputError: it is a file.
+    """
+    if cfg.output and Path(cfg.output).is_file():
+        raise InputError(cfg.output, "cannot be written: it is a file", "name a folder")
     return Path(cfg.output) if cfg.output and not cfg.dry_run else None
 
 
@@ -47,13 +59,12 @@ def run(cfg: DictConfig) -> float | None:
         InputError: the input cannot be used, an option is out of range, or an image cannot be written.
     """
     console = Console(stderr=True)
-    if cfg.output and Path(cfg.output).is_file():
-        raise InputError(cfg.output, "cannot be written: it is a file", "name a folder")
-    count = process_count(cfg)
+    count, device = process_count(cfg), start(cfg.runtime)
     if cfg.distil:
+        load_options(cfg, device)
         cfg = _with_distilled_splat(cfg)
-    cfg = apply_budget(cfg, load_enhancement, start(cfg.runtime), console)
-    enhancer, task, validated = load_enhancement(cfg, start(cfg.runtime))
+    cfg = apply_budget(cfg, load_enhancement, device, console)
+    enhancer, task, validated = load_enhancement(cfg, device)
     rules = build(cfg.plan)
     planner = validated.planner(rules)
     progress_hidden = hides_progress(cfg, console)
@@ -92,6 +103,7 @@ def _write_run(
     step_folder = job.folder / "test" / f"ours_{task.step}"
     enhanced_views = write_enhanced_to(step_folder / "enhanced")
     write_sources(task.rendered, step_folder, scale)
+    remove_other_views(step_folder, {view.name for view in task.rendered.targets})
     write_records(job.folder / "records.jsonl", cost_records(enhanced_views, job.folder.name, task))
     view_plans = tuple(view.plan for view in enhanced_views if view.plan is not None)
     replace(plan, views=view_plans or plan.views).to_file(job.folder / "plan.json")  # several processes return no plans

@@ -1,6 +1,7 @@
 """Conversion of Hydra's errors about a command line to one-line messages."""
 
 import io
+import shlex
 import traceback
 from collections.abc import Sequence
 
@@ -47,8 +48,9 @@ def to_input_error(error: Exception, job: str, overrides: Sequence[str] = ()) ->
     message = lines[0] if lines else type(error).__name__
     if isinstance(error, OverrideParseException):
         name, sign, value = error.override.partition("=")
-        remedy = f"""quote the value twice: {name}='"{value}"'""" if sign else f"write {name}=VALUE"
-        return InputError(f"override {error.override}", f"cannot be parsed ({lines[-1]})", remedy)
+        quoted = shlex.quote(f'"{value}"')
+        remedy = f"quote the value twice: {name}={quoted}" if sign else f"write {name}=VALUE"
+        return InputError(f"override {error.override}", f"cannot be parsed ({message})", remedy)
     if isinstance(error, MissingConfigException) and error.missing_cfg_file and error.options:
         group, _, name = error.missing_cfg_file.rpartition("/")
         return InputError(group, f"has no choice {name!r}", f"choose {', '.join(sorted(error.options))}")

@@ -97,7 +97,7 @@ BENCHMARKS = {
 """Single measurements of cost."""
 
 RESTARTED = {
-    *("simulate", "enhance", "view", "train_confidence", "ibgs", "measure", "report", "export", "dashboard", "pages"),
+    *("simulate", "enhance", "view", "train_confidence", "measure", "report", "export", "dashboard", "pages"),
     *("fresh", "status", "sampler", "ship", "before_after", "flow_figure"),
     *BENCHMARKS,
 }
@@ -208,12 +208,19 @@ def launch(job: str, arguments: Sequence[str]) -> None:
         LostProcessError: a process of a sweep was killed.
     """
     import hydra
+    from hydra._internal.utils import get_args_parser
     from hydra.errors import HydraException, InstantiationException
 
     from gaussian_enhancer.cli.hydra_messages import OverridesFilter, is_hydra_error, to_input_error
 
     sweeps = [word for word in arguments if word in SWEEPS]  # first, since Hydra refuses overrides on both sides of -m
     words = ["dry_run=true" if word == "--dry-run" else word for word in arguments if word not in SWEEPS]
+    words = [expand_home(word) for word in words]
+    unknown = [word for word in get_args_parser().parse_known_args(words)[1] if word.startswith("-")]
+    if unknown:
+        raise InputError(
+            f"argument {unknown[0]}", "is unknown", f"options are key=value: gaussian-enhancer {job} --help"
+        )
     sys.argv = [f"gaussian-enhancer {job}", *sweeps, *words]
     os.environ["HYDRA_FULL_ERROR"] = "1"  # raise errors unchanged; Hydra would print them and end the process
     filtered_stderr = cast(Any, OverridesFilter(cast(io.TextIOBase, sys.stderr)))
@@ -230,6 +237,12 @@ def launch(job: str, arguments: Sequence[str]) -> None:
         raise to_input_error(error, job, words) from error
     except BrokenExecutor as error:
         raise LostProcessError("a process of the sweep was killed, for want of memory perhaps") from error
+
+
+def expand_home(word: str) -> str:
+    """Replace a leading ``~/`` of an override's value by the home folder: shells expand it in few such words."""
+    key, sign, value = word.partition("=")
+    return f"{key}={Path(value).expanduser()}" if sign and value.startswith("~/") else word
 
 
 def job_function(job: str) -> Callable[[Any], Any]:

@@ -23,6 +23,7 @@ from gaussian_enhancer.metrics.comparison import (
 from gaussian_enhancer.metrics.image_folders import ImageFiles, Label, measure_files, pair_folders, pair_run
 from gaussian_enhancer.metrics.lpips import PerceptualDistance, requested_distances
 from gaussian_enhancer.metrics.records import Record, write_records
+from gaussian_enhancer.runs.arguments import refuse_without_effect
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.photos import background_colour
@@ -84,6 +85,13 @@ def _files(cfg: DictConfig) -> tuple[ImageFiles, ...]:
     """The images that the configuration names, paired with their photos."""
     if cfg.run is not None and (cfg.images is not None or cfg.photos is not None or cfg.raw is not None):
         raise InputError("run", "was given together with images, photos or raw", "give either")
+    without_effect = {"step": cfg.step is not None}
+    if cfg.run is not None:
+        changed = {"variant": cfg.variant != "enhanced", "unmatched": cfg.unmatched != "refuse"}
+        without_effect = {"masks": cfg.masks is not None, **changed}
+    refuse_without_effect((name for name, given in without_effect.items() if given), "run" if cfg.run else "images")
+    if cfg.raw is not None and cfg.variant != "enhanced":
+        raise InputError("variant", f"is {cfg.variant!r} beside raw", "leave it out: gains are those of 'enhanced'")
     if cfg.run is not None:
         return pair_run(cfg.run, cfg.step, scene=cfg.scene_name or "", splat=cfg.splat_name or "")
     if cfg.images is None or cfg.photos is None:

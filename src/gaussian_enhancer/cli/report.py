@@ -12,7 +12,12 @@ from gaussian_enhancer.runs.instantiate import require
 
 
 def output_path(cfg: DictConfig) -> Path:
-    """The folder of the page."""
+    """The folder of the page.
+
+    Raises:
+        InputError: ``measured`` is not given.
+    """
+    require(cfg)
     return Path(cfg.output or cfg.measured)
 
 
@@ -25,7 +30,6 @@ def run(cfg: DictConfig) -> None:
     Raises:
         InputError: the folder holds no finished measurement of renders and enhanced renders, or cannot be written.
     """
-    require(cfg)
     measured_run = open_measured(cfg.measured)
     path = output_path(cfg) / "report.html"
     write_page(path, measured_run, title=cfg.title, most_pictured=cfg.most_pictured)

@@ -20,7 +20,7 @@ from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.validated_inputs import validate_inputs
 from gaussian_enhancer.infer.weights import load_weights
-from gaussian_enhancer.runs.arguments import only_given
+from gaussian_enhancer.runs.arguments import only_given, refuse_without_effect
 from gaussian_enhancer.runs.enhancement import read_options
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer, open_renderer, refuse_unseen
@@ -32,17 +32,7 @@ from gaussian_enhancer.splat.io.result_folders import find_splat
 from gaussian_enhancer.splat.io.small_files import check_format
 from gaussian_enhancer.types import Gaussians
 
-ENHANCEMENT_KEYS = (
-    "weights",
-    "max_references",
-    "depth_kind",
-    "strength",
-    "colour_clamping",
-    "colour_completion",
-    "confidence",
-    "precision",
-    "tile",
-)
+ENHANCEMENT_KEYS = ("weights", *(field.name for field in dataclasses.fields(EnhancementOptions)))
 """Configuration keys of enhancement; without effect where no view is enhanced."""
 
 
@@ -82,7 +72,7 @@ def read_distil_task(cfg: DictConfig, device: torch.device) -> DistilTask:
     """
     settings: DistilSettings = build(cfg.settings)
     prune_settings: PruneSettings = build(cfg.evidence)
-    capture = build(cfg.scene) if cfg.run is None and cfg.get("scene") else None
+    capture = build(cfg.scene) if cfg.get("scene") else None
     splat, capture = find_splat_and_capture(cfg.run, cfg.gaussians, capture)
     return distil_task(
         splat,
@@ -124,11 +114,13 @@ def find_splat_and_capture(
         capture: photos and cameras of ``gaussians``.
 
     Raises:
-        InputError: neither or both of run and splat are given, the splat has no capture, or the run cannot be read.
+        InputError: neither or both of run and splat are given, the splat has no capture, the run is given with one, or
+            the run cannot be read.
     """
     inputs = {"run": run, "gaussians": gaussians}
     only_given(inputs, "distil", "no splat", "give one of run=FOLDER, gaussians=FILE with scene=...")
     if gaussians is None:
+        refuse_without_effect(["scene"] if capture is not None else [], "run")
         return _splat_and_capture_of_run(Path(run or ""))
     if capture is None:
         raise InputError("gaussians", "comes without its capture", "add scene=capture scene.path=FOLDER")

@@ -94,7 +94,9 @@ def _image_folders(root: Path, config: Mapping[str, Any]) -> tuple[Path, Path, P
         source = Path(config["run"])
         steps = run_steps(source) if source.is_dir() else ()
         if not steps:
-            raise InputError(source, "holds no renders any more", "measure the run at its current path")
+            raise InputError(
+                source, f"holds no renders any more (seen from {Path.cwd()})", "measure the run at its current path"
+            )
         step = config.get("step")
         step_folder = source / "test" / f"ours_{steps[-1] if step is None else step}"
         return step_folder / "renders", step_folder / "enhanced", step_folder / "gt"

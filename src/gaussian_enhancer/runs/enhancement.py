@@ -37,6 +37,21 @@ def read_options(cfg: DictConfig, **given: Any) -> EnhancementOptions:
     return EnhancementOptions(**{**values, **given})
 
 
+def load_options(cfg: DictConfig, device: torch.device) -> tuple[Pretrained, EnhancementOptions]:
+    """Load the weights and read the options, and refuse those out of range before anything is computed.
+
+    Args:
+        cfg: configuration of the job ``enhance``.
+        device: device of the network.
+
+    Raises:
+        InputError: the weights do not exist, or an option is out of range.
+    """
+    pretrained, options = load_weights(cfg.weights), read_options(cfg)
+    options.enhancer(pretrained, options.reference_config(pretrained, "expected"), device)
+    return pretrained, options
+
+
 def load_enhancement(cfg: DictConfig, device: torch.device) -> tuple[SetEnhancer, Task, ValidatedInputs]:
     """Load the weights, read the input and validate it.
 
@@ -51,7 +66,7 @@ def load_enhancement(cfg: DictConfig, device: torch.device) -> tuple[SetEnhancer
         InputError: the weights do not exist, the input cannot be read, the output folder holds files of it, or an
             option is out of range.
     """
-    pretrained, options = load_weights(cfg.weights), read_options(cfg)
+    pretrained, options = load_options(cfg, device)
     task = read_task(cfg, device.type, pretrained.reference_config.fine)
     if cfg.output:
         refuse_input_folder(Path(cfg.output), task.rendered)

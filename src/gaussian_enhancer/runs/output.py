@@ -4,7 +4,7 @@ Axes: h height, w width.
 """
 
 import shutil
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import atomic_write
+from gaussian_enhancer.files import atomic_write, to_write_error
 from gaussian_enhancer.infer.enhancer import EnhancedView
 from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.network.pyramid import upsample_bicubic
@@ -100,6 +100,24 @@ def write_sources(rendered: RenderedSet, folder: Path, scale: int) -> None:
             write_image(folder / "renders" / view.name, resize_to_photo(enlarged, view, scale))
         if view.read_fine_photo is not None:
             write_image(folder / "gt" / view.name, read_original_size(view))
+
+
+def remove_other_views(folder: Path, names: Container[str]) -> None:
+    """Remove images of views that an earlier call of the same job wrote and that its input no longer holds.
+
+    Args:
+        folder: parent of the folders ``renders``, ``enhanced`` and ``gt``.
+        names: names of the views that stay.
+
+    Raises:
+        InputError: a file cannot be removed.
+    """
+    for path in folder.glob("*/*"):
+        if path.name not in names:
+            try:
+                path.unlink()
+            except OSError as error:
+                raise to_write_error(path, error) from error
 
 
 def read_original_size(view: RenderedView) -> Float[Tensor, "3 _ _"]:

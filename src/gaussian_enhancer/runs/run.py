@@ -24,6 +24,10 @@ IGNORED_KEYS = ("runs", "output", "runtime", "profile")
 
 REMEDY = "give another output, or delete the folder"
 
+SPLAT_JOBS = ("fit", "distil")
+SPLAT_FILES = ("splat.ply", "cameras.json")
+"""Files that these jobs write into the folder of a run, and that the folder of a user's own splat may hold as well."""
+
 
 @dataclass(frozen=True)
 class Run:
@@ -71,7 +75,7 @@ def open_run(cfg: DictConfig, job: str, label: str, locked: bool = True, reused:
     folder = Path(cfg.output) if cfg.get("output") else Path(cfg.runs) / job / f"{label}-{digest}"
     acquired = lock.hold(folder) if locked else False
     try:
-        finished = _check_folder(folder, digest)
+        finished = _check_folder(folder, digest, job)
     except InputError:
         if acquired:
             lock.release(folder)
@@ -83,9 +87,15 @@ def open_run(cfg: DictConfig, job: str, label: str, locked: bool = True, reused:
     return Run(folder, digest)
 
 
-def _check_folder(folder: Path, digest: str) -> str | None:
-    """The digest of the finished run in a folder, or None. A folder with results of a different run is refused."""
+def _check_folder(folder: Path, digest: str, job: str) -> str | None:
+    """The digest of the finished run in a folder, or None.
+
+    A folder with results of a different run, or with a splat that belongs to no run, is refused.
+    """
     finished = finished_digest(folder)
+    if job in SPLAT_JOBS and not (folder / "config.yaml").exists():
+        for file in filter(Path.exists, (folder / name for name in SPLAT_FILES)):
+            raise InputError(file, f"belongs to no run of this program, and {job} would replace it", REMEDY)
     if finished is not None and finished != digest:
         raise InputError(folder, f"holds another finished run ({finished})", REMEDY)
     if finished is None and (folder / "config.yaml").is_file() and not status.holds_no_result(folder):

@@ -160,8 +160,8 @@ class Page:
     def _choice(self) -> SessionChoice:
         """The choice of the controls.
 
-        When the weights change, the strength is reset to the configured one or, where none is configured, to what the
-        card of the new weights states.
+        When the weights change, the strength is reset to the configured one or, where none is configured, to that of
+        the new weights: 1 with confidence, else what their card states.
         """
         choice = self.controls.choice
         if choice.weights != self._weights:

@@ -22,7 +22,8 @@ class SessionChoice:
         weights: shipped name or file.
         plan: name of the plan, whose rules state which parts of the input may be left out.
         max_references: maximum number of photos that the network uses; None takes as many as in training.
-        strength: share of the network's change that is applied, in [0, 1]; None takes the value in the weights' card.
+        strength: share of the network's change that is applied, in [0, 1]; None means 1 with confidence, and the
+            strength that the weights state without it.
 
     Raises:
         InputError: the strength is out of range.
@@ -96,7 +97,7 @@ class Session:
         return stage
 
     def strength(self, choice: SessionChoice) -> float:
-        """The strength of a choice; where it has none, the value in the weights' card.
+        """The strength of a choice; where it has none, 1 with confidence, else the strength that the weights state.
 
         Raises:
             InputError: see `stage`.
