@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.scene.posed import lens_at_size, orthonormal_pose, unique_names
+from gaussian_enhancer.scene.posed import evenly_resized, lens_at_size, orthonormal_pose, unique_names
 from gaussian_enhancer.scene.undistort import Lens
 
 SOURCE = Path("capture")
@@ -55,3 +55,21 @@ def test_rounded_sizes_fit_and_other_aspects_do_not():
     assert lens_at_size(lens, 3286, 4946, Path("a.png")) is lens
     with pytest.raises(InputError, match=r"a\.png.*1237x800.*4946x3286"):
         lens_at_size(lens, 800, 1237, Path("a.png"))
+
+
+@pytest.mark.parametrize(
+    ("calibrated", "size"),
+    [
+        ((3648, 5472), (1066, 1600)),
+        ((3956, 5280), (1198, 1600)),
+        ((3361, 5187), (1036, 1600)),
+        ((3361, 5187), (1680, 2594)),
+        ((5472, 3648), (1600, 1066)),
+    ],
+)
+def test_sizes_that_3dgs_shrinks_photos_to_fit_in_both_directions(calibrated, size):
+    assert evenly_resized(size, calibrated)
+    assert evenly_resized(calibrated, size)
+    narrower = size[0], size[1] - 5
+    assert not evenly_resized(narrower, calibrated)
+    assert not evenly_resized(calibrated, narrower)

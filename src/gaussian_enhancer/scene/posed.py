@@ -187,10 +187,11 @@ def lens_at_size(lens: Lens, height: int, width: int, path: Path) -> Lens:
 
 
 def evenly_resized(size: tuple[int, int], calibrated: tuple[int, int]) -> bool:
-    """Whether two sizes (height, width) have the same aspect ratio, up to the rounding of whole pixels."""
-    (height, width), (calibrated_height, calibrated_width) = size, calibrated
-    scale = min(width / calibrated_width, height / calibrated_height)
-    return abs(width - calibrated_width * scale) <= 1 and abs(height - calibrated_height * scale) <= 1
+    """Whether one scale explains two sizes (height, width), up to one pixel of rounding on each side of the smaller."""
+    smaller, larger = sorted((size, calibrated))
+    lowest = max((side - 1) / whole for side, whole in zip(smaller, larger, strict=True))
+    highest = min((side + 1) / whole for side, whole in zip(smaller, larger, strict=True))
+    return lowest <= highest
 
 
 def _split_of_sides(sides: Sequence[str | None]) -> tuple[tuple[int, ...], tuple[int, ...]] | None:
