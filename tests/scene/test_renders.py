@@ -1,5 +1,6 @@
 import json
 import pickle
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -271,6 +272,56 @@ def test_the_pair_of_folders_that_3dgs_writes_refers_to_its_runs_training_views(
     for pair_view, run_view in zip(found.references, run.references, strict=True):
         assert torch.equal(pair_view.camera.world_to_camera, run_view.camera.world_to_camera)
         assert torch.equal(pair_view.read_photo(), run_view.read_photo())
+
+
+def test_the_pair_of_folders_of_a_run_takes_depth_and_photos_that_are_given(tmp_path, scene):
+    write_3dgs(tmp_path / "run", scene)
+    pair, depth = tmp_path / "run/test/ours_7000", tmp_path / "depth"
+    depth.mkdir()
+    for name in ("00000", "00001", "train_00002"):
+        np.save(depth / f"{name}.npy", level(3).astype(np.float32))
+    for name in ("00000", "00001"):
+        save(tmp_path / "fine" / f"{name}.png", np.zeros((4 * HEIGHT, 4 * WIDTH)))
+    found = read_folder(pair / "renders", tmp_path / "fine", depth=depth, depth_scale=2.0, finer=True)
+    assert [view.read_depth().unique().tolist() for view in found.targets] == [[6.0], [6.0]]
+    assert [view.read_depth is not None for view in found.references] == [i == 2 for i in range(len(scene.train))]
+    assert all(view.read_fine_photo is not None for view in found.targets)
+    for view, photo in zip(found.targets, scene.test_photos, strict=True):
+        torch.testing.assert_close(view.camera.world_to_camera, photo.camera.world_to_camera)
+    (depth / "00001.npy").unlink()
+    with pytest.raises(InputError, match=r"no depth for 00001\.png"):
+        read_folder(pair / "renders", pair / "gt", depth=depth)
+
+
+def test_the_pair_of_folders_of_a_run_takes_cameras_that_are_given(tmp_path, scene):
+    write_ours(tmp_path / "run", scene)
+    pair, entries = tmp_path / "run/test/ours_1000", json.loads((tmp_path / "run/cameras.json").read_text())
+    for entry in entries:
+        entry.update(width=2 * WIDTH, height=2 * HEIGHT, fx=777.0, position=[1.0, 2.0, 3.0])
+    (tmp_path / "mine.json").write_text(json.dumps(entries))
+    found = read_folder(pair / "renders", pair / "gt", cameras=tmp_path / "mine.json")
+    for view in (*found.targets, *found.references):
+        assert view.camera.K[0, 0] == 777.0 / 2
+        assert view.camera.centre.tolist() == pytest.approx([1.0, 2.0, 3.0])
+        assert view.read_depth().unique().tolist() == [int(view.name[5:7]) + 1]
+    (tmp_path / "mine.json").write_text(json.dumps(entries[:-1]))
+    with pytest.raises(InputError, match=rf"names no camera for {entries[-1]['img_name']}"):
+        read_folder(pair / "renders", pair / "gt", cameras=tmp_path / "mine.json")
+
+
+def test_the_pair_of_folders_of_an_own_run_vouches_for_the_runs_own_depth_alone(tmp_path, scene):
+    write_ours(tmp_path / "run", scene)
+    for name in ("config.yaml", "done"):
+        (tmp_path / "run" / name).write_text("{}")
+    pair, copy = tmp_path / "run/test/ours_1000", tmp_path / "copy"
+    shutil.copytree(pair / "depth", copy)
+    given = [{}, {"depth": pair / "depth"}, {"depth": pair / "depth", "depth_scale": 2.0}, {"depth": copy}]
+    assert [read_folder(pair / "renders", pair / "gt", **options).own_depth for options in given] == [
+        True,
+        True,
+        False,
+        False,
+    ]
 
 
 def test_views_that_3dgs_numbers_on_both_sides_are_told_apart(tmp_path, scene):

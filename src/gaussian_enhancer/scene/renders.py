@@ -135,7 +135,8 @@ def read_folder(
         renders: folder of renders to enhance.
         photos: folder of the capture's photos. A photo with a render's name is that render's ground truth. The other
             photos are references, unless ``references`` is given. If there are no others and the renders lie in a
-            run's ``test/ours_<step>/renders``, the run's training views are the references (`read_run`).
+            run's ``test/ours_<step>/renders``, the run's training views are the references (`read_run`), and its
+            cameras and depth are used where none are given.
         references: folder of reference photos, or a capture, whose training photos and cameras are used.
         depth: folder of z depth maps (``.npy``, ``.npz``, 16-bit ``.png``), required for all renders and optional for
             references.
@@ -177,11 +178,19 @@ def read_folder(
             remedy = "name a folder of the capture's photos with photos= or references="
             raise InputError(root, "comes without photos", remedy)
         run, step = _run_of(root)
-        if run is not None and run_steps(run, "train"):  # a run's renders and gt: refer to its training views
-            return read_run(run, step, background=background, name=name)
-        received = f"leaves no photo to refer to: {photos} holds the renders' own photos alone"
-        remedy = "name a folder of the capture's other photos with references="
-        raise InputError(root, received, remedy if run is None else f"{remedy}, or run={run} {_scene_options(run)}")
+        if run is None or not run_steps(run, "train"):
+            received = f"leaves no photo to refer to: {photos} holds the renders' own photos alone"
+            remedy = "name a folder of the capture's other photos with references="
+            raise InputError(root, received, remedy if run is None else f"{remedy}, or run={run} {_scene_options(run)}")
+        # a run's renders and gt: refer to its training views
+        rendered = read_run(run, step, background=background, name=name)
+        completed_targets = tuple(map(_complete, targets, rendered.targets))
+        training_views = tuple(
+            _training_view(view, named_cameras, depths, depth_scale, cameras_file) for view in rendered.references
+        )
+        has_depth_of_run = depths is None or (depths.resolve(), depth_scale) == (root.resolve().parent / "depth", 1)
+        own_depth = rendered.own_depth and has_depth_of_run
+        return replace(rendered, targets=completed_targets, references=training_views, own_depth=own_depth)
     return RenderedSet(name or root.resolve().name, tuple(targets), reference_views, background)
 
 
@@ -194,10 +203,11 @@ def _scene_options(run: Path) -> str:
 
 def _run_of(renders: Path) -> tuple[Path | None, int]:
     """Run folder and step of a folder of held-out renders, derived from its path; (None, 0) if it lies in no run."""
-    match = re.fullmatch(r"ours_(\d+)", renders.resolve().parent.name)
-    if renders.name != "renders" or match is None or renders.resolve().parents[1].name != "test":
+    renders = renders.resolve()
+    match = re.fullmatch(r"ours_(\d+)", renders.parent.name)
+    if renders.name != "renders" or match is None or renders.parents[1].name != "test":
         return None, 0
-    return renders.resolve().parents[2], int(match[1])
+    return renders.parents[2], int(match[1])
 
 
 def _stems(side: Path) -> list[str]:
@@ -324,6 +334,29 @@ def _reference(
         None,
         ReadPhoto(path, *size, background),
     )
+
+
+def _complete(target: RenderedView, of_run: RenderedView) -> RenderedView:
+    """A target with the geometry of the same view of a run where none was given."""
+    return replace(
+        target,
+        camera=target.camera or of_run.camera,
+        read_depth=target.read_depth or of_run.read_depth,
+        read_alpha=target.read_alpha or of_run.read_alpha,
+    )
+
+
+def _training_view(
+    view: RenderedView, listed: dict[str, Camera] | None, depths: Path | None, scale: float, source: Path
+) -> RenderedView:
+    """A training view of a run, with the camera and depth that were given under its name instead of its own."""
+    image = Path(view.name)
+    camera = _camera_of(listed, image.stem, image, source)
+    depth = _depth_of(depths, image.stem, image, scale, needed=False)
+    if camera is not None:  # cameras of two files may lie in different worlds: all come from the given one
+        assert isinstance(view.read_photo, ReadPhoto)
+        camera = _resize_camera(camera, (view.read_photo.height, view.read_photo.width), image)
+    return replace(view, camera=camera or view.camera, read_depth=depth or view.read_depth)
 
 
 def _is_larger(reference: RenderedView, target: RenderedView) -> bool:
