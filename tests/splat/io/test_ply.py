@@ -116,8 +116,13 @@ def test_an_empty_splat_is_refused(tmp_path: Path) -> None:
         read_ply(tmp_path / "a.ply")
 
 
-@pytest.mark.parametrize("field", ["means", "log_scales", "quaternions", "opacity_logits", "sh", "smoothing"])
-@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+FIELDS = ("means", "log_scales", "quaternions", "opacity_logits", "sh", "smoothing")
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [(f, v) for f in FIELDS for v in (float("nan"), float("inf")) if (f, v) != ("opacity_logits", float("inf"))],
+)
 def test_gaussians_that_are_not_finite_are_refused_or_dropped(tmp_path: Path, field: str, value: float) -> None:
     gaussians = splat(smoothing=True)
     getattr(gaussians, field).view(len(gaussians), -1)[4, -1] = value
@@ -129,6 +134,15 @@ def test_gaussians_that_are_not_finite_are_refused_or_dropped(tmp_path: Path, fi
     keep = torch.tensor([0, 1, 2, 3, 5, 6])
     assert torch.equal(read.means, gaussians.means[keep])
     assert torch.equal(read.sh, gaussians.sh[keep])
+
+
+def test_opacities_of_exactly_0_and_1_are_read_as_the_bytes_of_compressed_formats(tmp_path: Path) -> None:
+    gaussians = splat()
+    gaussians.opacity_logits[:3] = torch.tensor([float("inf"), float("-inf"), 30.0])
+    write_ply(tmp_path / "a.ply", gaussians)
+    read = read_ply(tmp_path / "a.ply")
+    assert read.opacity_logits[:2].sigmoid().tolist() == pytest.approx([254.5 / 255, 0.5 / 255], abs=1e-6)
+    assert torch.equal(read.opacity_logits[2:], gaussians.opacity_logits[2:])
 
 
 def test_a_rotation_of_no_length_is_refused(tmp_path: Path) -> None:

@@ -14,12 +14,13 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from jaxtyping import Float
 from plyfile import PlyData, PlyElement
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.ply_file import read_ply_elements
-from gaussian_enhancer.splat.io.quantised import float_tensor
+from gaussian_enhancer.splat.io.quantised import float_tensor, opacity_logits
 from gaussian_enhancer.splat.io.validity import refuse_or_drop_invalid
 from gaussian_enhancer.types import Gaussians
 
@@ -32,6 +33,9 @@ _REST_COUNTS = (0, 9, 24, 45)  # three channels of degree 0, 1, 2, 3 without the
 
 def read_ply(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
     """Read a splat in the original 3DGS layout (3DGS, 2DGS or Mip-Splatting), float32 on the CPU.
+
+    Infinite opacity logits, which converters write for opacities of exactly 0 and 1, become those of the compressed
+    formats' lowest and highest byte.
 
     Args:
         path: the file, binary or ASCII.
@@ -58,7 +62,7 @@ def read_ply(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
         means=float_tensor(_columns(vertex, _POSITION)),
         log_scales=float_tensor(_columns(vertex, scale_names)),
         quaternions=float_tensor(_columns(vertex, _ROTATION)),
-        opacity_logits=float_tensor(_columns(vertex, ("opacity",))[:, 0]),
+        opacity_logits=float_tensor(_finite_logits(_columns(vertex, ("opacity",))[:, 0])),
         sh=float_tensor(np.concatenate([constant, higher], axis=1)),
         smoothing=float_tensor(_columns(vertex, ("filter_3D",))[:, 0]) if "filter_3D" in names else None,
     )
@@ -125,3 +129,9 @@ def _columns(vertex: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
         for i, name in enumerate(names):
             columns[:, i] = vertex[name]
     return columns
+
+
+def _finite_logits(logits: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """The logits with infinite ones (opacity 0 or 1) replaced by finite ones; NaN stays and is reported as invalid."""
+    transparent, opaque = opacity_logits(np.array([0, 255], dtype=np.uint8))
+    return np.nan_to_num(logits, nan=np.nan, neginf=transparent, posinf=opaque)
