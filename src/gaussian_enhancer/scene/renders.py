@@ -16,7 +16,7 @@ from gaussian_enhancer.input_files import read_text, reader
 from gaussian_enhancer.scene.cameras import ListedCamera, cameras_by_stem, read_cameras
 from gaussian_enhancer.scene.depth_files import ReadDepth, depth_size, find_depth
 from gaussian_enhancer.scene.high_resolution import UPSCALE, is_finer, original_size
-from gaussian_enhancer.scene.photos import images_by_stem, list_images, read_header
+from gaussian_enhancer.scene.photos import background_colour, images_by_stem, list_images, read_header
 from gaussian_enhancer.scene.posed import ReadCoverage, ReadPhoto, evenly_resized
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.scene import Scene
@@ -86,8 +86,7 @@ def read_run(
         step: training step of the renders; the latest where None.
         capture: the scene that was fitted; its training photos are the references where the run contains no
             training views.
-        background: colour under the renders. Where None, it is read from 3DGS's ``cfg_args``; without that file it is
-            black.
+        background: colour under the renders. Where None, it is read from ``cfg_args``; without that file it is black.
         name: the set's name; the folder's where empty.
 
     Raises:
@@ -398,8 +397,15 @@ def _resize_camera(camera: Camera, size: tuple[int, int], image: Path) -> Camera
 
 
 def _background(root: Path) -> Colour:
-    """Background colour of a 3DGS run: white if its ``cfg_args`` holds ``white_background=True``, else black."""
+    """Background colour of a run by its ``cfg_args``: the colour that this project writes, else 3DGS's white or black.
+
+    Raises:
+        InputError: the colour is not three numbers from 0 to 1.
+    """
     arguments = root / "cfg_args"
-    if arguments.is_file() and re.search(r"white_background=True", read_text(arguments)):
-        return WHITE
-    return BLACK
+    content = read_text(arguments) if arguments.is_file() else ""
+    number = r"(\d+(?:\.\d+)?(?:e-?\d+)?)"
+    match = re.search(rf"\bbackground=\({number}, {number}, {number}\)", content)
+    if match is not None:
+        return background_colour([float(value) for value in match.groups()])
+    return WHITE if "white_background=True" in content else BLACK

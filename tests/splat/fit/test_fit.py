@@ -131,6 +131,13 @@ def test_unusable_photos_are_refused_before_anything_is_written(scene, tmp_path)
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("background", [(0.25, 0.5, 1e-05), (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)])
+def test_the_folder_remembers_the_background(scene, tmp_path, background):
+    fit(dataclasses.replace(scene, background=background), ThreeDGS(), tmp_path, **QUICK | {"steps": 3})
+    assert read_run(tmp_path).background == background
+    assert f"white_background={background == (1, 1, 1)}," in (tmp_path / "cfg_args").read_text()
+
+
 def test_photos_that_differ_in_their_ending_only_are_refused(scene, tmp_path):
     twins = broken(scene, name="view1.jpg")
     with pytest.raises(InputError, match="ending only"):

@@ -66,8 +66,10 @@ def export_splat(folder: Path, scene: Scene, gaussians: Gaussians) -> None:
     """
     write_ply(folder / "splat.ply", gaussians)
     degree = int(gaussians.sh.shape[1] ** 0.5) - 1
+    # 3DGS knows black and white alone; the colour itself stands last, where its programs ignore it.
+    background = f"white_background={scene.background == WHITE}, background={scene.background}"
     with atomic_write(folder / "cfg_args") as temporary:
-        temporary.write_text(f"Namespace(sh_degree={degree}, white_background={scene.background == WHITE})\n")
+        temporary.write_text(f"Namespace(sh_degree={degree}, {background})\n")
 
 
 def _write_view(folder: Path, stem: str, photo: Photo, view: Render, surface: Float[Tensor, "h w"]) -> None:
