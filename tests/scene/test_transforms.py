@@ -125,6 +125,35 @@ def test_nerfstudio_lists_are_the_split(tmp_path):
         load_transforms(tmp_path)
 
 
+@pytest.mark.parametrize("form", ["images/{}", "./images/{}.png", "images\\{}.png", "images/{}.jpg"])
+@pytest.mark.parametrize("ending", ["", ".png"])
+def test_lists_of_a_split_may_write_paths_in_another_form_than_the_frames(tmp_path, form, ending):
+    content = write_transforms(tmp_path)
+    stems = [frame["file_path"].removeprefix("images/").removesuffix(".png") for frame in content["frames"]]
+    frames = [
+        {**frame, "file_path": f"images/{stem}{ending}"} for frame, stem in zip(content["frames"], stems, strict=True)
+    ]
+    names = [form.format(stem) for stem in stems]
+    rewrite(tmp_path, {**content, "frames": frames, "train_filenames": names[:5], "test_filenames": names[5:7]})
+    scene = load_transforms(tmp_path)
+    assert (scene.train, scene.test) == ((0, 1, 2, 3, 4), (5, 6))
+    rewrite(tmp_path, {**content, "train_filenames": names, "test_filenames": [frames[0]["file_path"]]})
+    with pytest.raises(InputError, match="for training and for testing"):
+        load_transforms(tmp_path)
+
+
+def test_names_in_lists_of_a_split_that_no_frame_has_are_refused_or_dropped(tmp_path):
+    content = write_transforms(tmp_path)
+    paths = [frame["file_path"] for frame in content["frames"]]
+    lists = {"train_filenames": [*paths[:5], "images/other.png"], "test_filenames": paths[5:7]}
+    rewrite(tmp_path, {**content, **lists})
+    with pytest.raises(InputError, match=r"1 names .*that no frame has: images/other.*missing=drop"):
+        load_transforms(tmp_path)
+    (tmp_path / paths[0]).unlink()
+    scene = load_transforms(tmp_path, missing="drop")
+    assert (scene.train, scene.test) == ((0, 1, 2, 3), (4, 5))
+
+
 def test_nerfstudio_points(tmp_path):
     content = write_transforms(tmp_path, ply_file_path="points.ply")
     header = "ply\nformat ascii 1.0\nelement vertex 1\n"

@@ -15,7 +15,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.input_files import reader
 from gaussian_enhancer.scene.colmap_model import ColmapImage, ColmapModel, read_colmap_model
 from gaussian_enhancer.scene.photos import ENDINGS, list_images
-from gaussian_enhancer.scene.posed import PosedFile, build_scene, refuse_or_drop
+from gaussian_enhancer.scene.posed import PosedFile, build_scene, path_without_ending, refuse_or_drop
 from gaussian_enhancer.scene.scene import Scene
 from gaussian_enhancer.scene.splits import Split
 
@@ -56,7 +56,7 @@ def load_colmap(
     files: list[PosedFile] = []
     images_without_photo: list[str] = []
     for image in model.images:
-        photo = photos.pop(_key(image.name), None)
+        photo = photos.pop(path_without_ending(image.name), None)
         if photo is None:
             images_without_photo.append(image.name)
         else:
@@ -117,10 +117,10 @@ def _by_stem(folder: Path) -> dict[str, tuple[str, Path]]:
     photos: dict[str, tuple[str, Path]] = {}
     for file in files:
         relative_path = file.relative_to(folder).as_posix()
-        if _key(relative_path) in photos:
-            earlier_path = photos[_key(relative_path)][0]
+        if path_without_ending(relative_path) in photos:
+            earlier_path = photos[path_without_ending(relative_path)][0]
             raise InputError(folder, f"holds both {earlier_path} and {relative_path}", "keep one photo of each name")
-        photos[_key(relative_path)] = (relative_path, file)
+        photos[path_without_ending(relative_path)] = (relative_path, file)
     return photos
 
 
@@ -132,11 +132,6 @@ def _walk(folder: Path) -> Iterator[Path]:
 
     for parent, _, names in os.walk(folder, onerror=refuse):
         yield from (Path(parent) / name for name in names)
-
-
-def _key(listed: str) -> str:
-    path = Path(listed.replace("\\", "/"))
-    return path.with_suffix("").as_posix() if path.suffix.lower() in ENDINGS else path.as_posix()
 
 
 def camera_pose(image: ColmapImage) -> Float[Tensor, "4 4"]:

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.photos import (
+    ENDINGS,
     composite,
     decode,
     downscaled_size,
@@ -139,6 +140,12 @@ def unique_names(listed: Sequence[str], source: Path) -> list[str]:
     if repeated:
         raise InputError(source, f"lists {repeated[0]!r} more than once", "give every photo a unique name")
     return names
+
+
+def path_without_ending(listed: str) -> str:
+    """A listed path in normal form, without the ending of a known image format, by which entries are compared."""
+    path = PurePosixPath(listed.replace("\\", "/"))
+    return str(path.with_suffix("") if path.suffix.lower() in ENDINGS else path)
 
 
 def _check_points(points: Points | None, source: Path) -> None:

@@ -7,7 +7,7 @@ the first pixel in both.
 
 import math
 from dataclasses import replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -20,7 +20,7 @@ from gaussian_enhancer.input_files import abbreviate, reader
 from gaussian_enhancer.ply_file import read_ply_elements
 from gaussian_enhancer.scene.json_file import get_member, get_number, get_pixels, get_string, read_json
 from gaussian_enhancer.scene.photos import ENDINGS, read_header
-from gaussian_enhancer.scene.posed import PosedFile, build_scene, refuse_or_drop
+from gaussian_enhancer.scene.posed import PosedFile, build_scene, path_without_ending, refuse_or_drop
 from gaussian_enhancer.scene.scene import Points, Scene
 from gaussian_enhancer.scene.splits import Split
 from gaussian_enhancer.scene.undistort import Lens
@@ -46,8 +46,8 @@ def load_transforms(
 
     Intrinsics are given once for all frames or in each frame. Photos are undistorted as they are read, for the
     coefficients ``k1 k2 p1 p2 k3`` and for fisheye lenses (``camera_model: OPENCV_FISHEYE``, ``is_fisheye``).
-    ``train_filenames`` and ``test_filenames`` give the capture's own split. ``aabb_scale``, the size of instant-ngp's
-    grid, is ignored.
+    ``train_filenames`` and ``test_filenames`` give the capture's own split; like the frames, they may omit the photos'
+    endings. ``aabb_scale``, the size of instant-ngp's grid, is ignored.
 
     Args:
         path: the capture's folder.
@@ -55,20 +55,26 @@ def load_transforms(
         downscale: factor that divides width and height of the photos read.
         split: how to divide the photos. Where None, the file's own lists are used or, without them, every 8th photo is
             held out.
-        missing: what to do with frames that are listed but not on disk: "error" or "drop".
+        missing: what to do with frames that are listed but not on disk, and with names in the lists of a split that no
+            frame has: "error" or "drop".
         background: colour under transparent photos.
         name: the scene's name; the folder's where empty.
 
     Raises:
-        InputError: the file is missing or malformed, lacks a value or lists photos that are not on disk, or a pose or
-            lens is invalid.
+        InputError: the file is missing or malformed, lacks a value or lists photos that are not on disk or no frames,
+            or a pose or lens is invalid.
     """
     root = Path(path)
     source = root / file
     content = read_json(source)
     files, missing_photos = _frames(content, source)
     refuse_or_drop(missing_photos, "frames whose photo is not on disk", source, missing)
-    files = _with_listed_sides(files, content, source)
+    sides = _listed_sides(content, source)
+    if sides is not None:
+        frames = {path_without_ending(listed) for listed in (*(file.listed for file in files), *missing_photos)}
+        names_without_frame = [name for name in sides if name not in frames]
+        refuse_or_drop(names_without_frame, "names in its lists of a split that no frame has", source, missing)
+        files = [replace(file, side=sides.get(path_without_ending(file.listed), "neither")) for file in files]
     return build_scene(
         files,
         source=root,
@@ -231,8 +237,8 @@ def _focal(angle: float, extent: int, source: Path) -> float:
     return extent / (2 * math.tan(angle / 2))
 
 
-def _with_listed_sides(files: list[PosedFile], content: dict[str, Any], source: Path) -> list[PosedFile]:
-    """Assign the split of nerfstudio's ``train_filenames`` and ``test_filenames``, if the file has them.
+def _listed_sides(content: dict[str, Any], source: Path) -> dict[str, Side] | None:
+    """The split of nerfstudio's ``train_filenames`` and ``test_filenames`` by path without ending, None without them.
 
     Raises:
         InputError: only one of the lists is given, a list does not consist of names, or a name is in both lists.
@@ -240,7 +246,7 @@ def _with_listed_sides(files: list[PosedFile], content: dict[str, Any], source: 
     splits: tuple[Side, ...] = ("train", "test")
     listed_sides = [side for side in splits if f"{side}_filenames" in content]
     if not listed_sides:
-        return files
+        return None
     if len(listed_sides) == 1:
         received = f"has {listed_sides[0]}_filenames alone"
         raise InputError(source, received, "give train_filenames and test_filenames, or neither")
@@ -250,11 +256,9 @@ def _with_listed_sides(files: list[PosedFile], content: dict[str, Any], source: 
         if not isinstance(names, list) or not all(isinstance(file_name, str) for file_name in names):
             raise InputError(source, f"has {side}_filenames = {abbreviate(names)}", "give a list of file names")
         for file_name in names:
-            if sides.get(file_name, side) != side:
+            if sides.setdefault(path_without_ending(file_name), side) != side:
                 raise InputError(source, f"lists {file_name} for training and for testing", "keep it in one list")
-            sides[file_name] = side
-    by_path = {PurePosixPath(file_name): side for file_name, side in sides.items()}
-    return [replace(file, side=by_path.get(PurePosixPath(file.listed), "neither")) for file in files]
+    return sides
 
 
 def _ply_points(root: Path, content: dict[str, Any]) -> Points | None:
