@@ -107,7 +107,8 @@ def read_header(path: Path) -> ImageHeader:
 def decode(path: Path) -> Float[Tensor, "c h w"]:
     """Decode an image file to [0, 1]: three channels (grey is repeated), or four if the file has alpha.
 
-    8-bit values are divided by 255, 16-bit values by 65535.
+    8-bit values are divided by 255, 16-bit values by 65535. Of a TIFF with colour in 16 bits the upper 8 bits
+    alone are read, since Pillow keeps no more; 16-bit PNGs and grey TIFFs are read in full.
 
     Raises:
         InputError: the file is missing, empty, truncated, not an image or larger than the limit, or its pixel format
