@@ -4,6 +4,7 @@ import math
 import os
 import subprocess
 import sys
+import weakref
 
 import pytest
 import torch
@@ -35,7 +36,7 @@ def view_of_plane(x: float, turn: float, slope: float, depth: float) -> tuple[to
 @pytest.mark.parametrize("slope", [0.0, 0.3])
 def test_plane_is_recovered(slope):
     views = [view_of_plane(x, -x / 4, slope, 4.0) for x in (-0.6, -0.2, 0.2, 0.6)]
-    swept = sweep_points([p for p, _ in views], [c for _, c in views], SweepSettings(reduction=1))
+    swept = sweep_points(lambda i: views[i][0], [c for _, c in views], SweepSettings(reduction=1))
     positions = swept.points.positions
     error = (positions[:, 2] - 4.0 - slope * positions[:, 0]).abs() / 4.0
     assert len(positions) > HEIGHT * WIDTH / 2
@@ -45,21 +46,38 @@ def test_plane_is_recovered(slope):
 
 def test_points_carry_the_photo_colours():
     views = [view_of_plane(x, 0.0, 0.0, 4.0) for x in (0.0, 0.5)]
-    points = sweep_points([p for p, _ in views], [c for _, c in views], SweepSettings(reduction=1)).points
+    points = sweep_points(lambda i: views[i][0], [c for _, c in views], SweepSettings(reduction=1)).points
     expected = 0.5 + 0.4 * torch.sin(5.0 * points.positions[:, 0] + 1.3 * points.positions[:, 1] + 0.2)
     assert (points.colours[:, 0] - expected).abs().median() < 0.05
+
+
+def test_photos_are_read_one_by_one_and_only_those_that_are_swept():
+    views, read, alive = [view_of_plane(x / 10, 0.0, 0.0, 4.0) for x in range(11)], [], []
+
+    def reader(number: int) -> torch.Tensor:
+        photo = views[number][0].clone()
+        read.append(number)
+        alive.append(weakref.ref(photo))
+        assert sum(one() is not None for one in alive) <= 3  # loops hold on to a photo or two
+        return photo
+
+    swept = sweep_points(reader, [c for _, c in views], SweepSettings(reduction=1, views=6))
+    assert read == [0, 2, 4, 6, 8, 10]
+    chosen = views[::2]
+    expected = sweep_points(lambda i: chosen[i][0], [c for _, c in chosen], SweepSettings(reduction=1))
+    assert torch.equal(swept.points.positions, expected.points.positions)
 
 
 def test_one_photo_is_refused():
     photo, camera = view_of_plane(0.0, 0.0, 0.0, 4.0)
     with pytest.raises(InputError, match="at least two"):
-        sweep_points([photo], [camera])
+        sweep_points(lambda i: photo, [camera])
 
 
 def test_cameras_at_one_place_are_refused():
     photo, camera = view_of_plane(0.0, 0.0, 0.0, 4.0)
     with pytest.raises(InputError, match="one place"):
-        sweep_points([photo, photo], [camera, camera])
+        sweep_points(lambda i: photo, [camera, camera])
 
 
 SMOOTHED = """

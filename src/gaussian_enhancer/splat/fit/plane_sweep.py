@@ -7,7 +7,7 @@ Hirschmueller, TPAMI 2008.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,7 +75,7 @@ class _View:
 
 
 def sweep_points(
-    photos: Sequence[Float[Tensor, "3 _ _"]],
+    read: Callable[[int], Float[Tensor, "3 _ _"]],
     cameras: Sequence[Camera],
     settings: SweepSettings = SweepSettings(),
     *,
@@ -85,7 +85,8 @@ def sweep_points(
     """Points on surfaces that several photos confirm; of several views of a point, only the first one adds it.
 
     Args:
-        photos: training photos in [0, 1].
+        read: returns the training photo of a camera's index, in [0, 1]. Photos are read one by one, and only those that
+            are swept.
         cameras: their cameras.
         settings: settings of the sweep.
         known_points: points from which the depth range is estimated; where fewer than 100 are visible, a coarse sweep
@@ -95,11 +96,11 @@ def sweep_points(
     Raises:
         InputError: fewer than two photos, or all cameras are at one place.
     """
-    stride = -(-len(photos) // settings.views)
-    photos, cameras = photos[::stride], cameras[::stride]
+    swept = range(0, len(cameras), -(-len(cameras) // settings.views))
+    cameras = [cameras[i] for i in swept]
     known_depths = _known_depths(known_points, cameras)
     distance = focus_distance(cameras) if known_depths is None else float(known_depths.median())
-    views = _views(photos, cameras, distance, settings)
+    views = _views(map(read, swept), cameras, distance, settings)
     coarse_depths = _coarse_depths(views, distance, settings) if known_depths is None else known_depths
     planes = _inverse_depths(coarse_depths, distance, settings.planes)
     return _merge_confirmed(views, _sweep(views, planes, settings, progress), planes, settings)
@@ -174,11 +175,11 @@ def inverse_depth(
 
 
 def _views(
-    photos: Sequence[Tensor], cameras: Sequence[Camera], distance: float, settings: SweepSettings, first_source: int = 0
+    photos: Iterable[Tensor], cameras: Sequence[Camera], distance: float, settings: SweepSettings, first_source: int = 0
 ) -> list[_View]:
     """Reduced photos with their neighbours, which are chosen among the photos from index ``first_source`` on."""
-    if len(photos) < 2:
-        raise InputError("plane sweep", f"has {len(photos)} photo", "give at least two training photos")
+    if len(cameras) < 2:
+        raise InputError("plane sweep", f"has {len(cameras)} photo", "give at least two training photos")
     centres = torch.stack([camera.centre for camera in cameras])
     cost = matching_cost(centres, torch.stack([c.forward for c in cameras]), distance)
     views = []

@@ -64,7 +64,7 @@ def starting_gaussians(
             raise InputError("init=points", f"but scene {scene.name} has none", "choose plane_sweep or random")
         points = _random_subset(scene_points, count, generator)
     elif init in ("auto", "plane_sweep"):
-        swept = sweep_points(photos.pixels(), photos.cameras, sweep, known_points=scene_points, progress=progress)
+        swept = sweep_points(photos.pixels, photos.cameras, sweep, known_points=scene_points, progress=progress)
         if init == "auto" and scene_points is not None:
             subset = _random_subset(scene_points, count // 2, generator)
             points = _join(subset, _most_confirmed(swept, count - len(subset.positions), generator))

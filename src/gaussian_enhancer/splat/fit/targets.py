@@ -3,8 +3,6 @@
 Axes: h height, w width.
 """
 
-from collections.abc import Sequence
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -50,9 +48,14 @@ class TrainingPhotos:
     def __len__(self) -> int:
         return len(self._photos)
 
-    def pixels(self) -> Sequence[Float[Tensor, "3 _ _"]]:
-        """All photos, on the CPU."""
-        return [self._read(number) for number in range(len(self))]
+    def pixels(self, number: int) -> Float[Tensor, "3 _ _"]:
+        """A photo in [0, 1], on the CPU.
+
+        Args:
+            number: index among the training photos.
+        """
+        prepared = self._prepared.get(number)
+        return self._photos[number].read() if prepared is None else prepared.photo.cpu()
 
     def target(self, number: int) -> PreparedPhoto:
         """A photo prepared for the loss.
@@ -61,11 +64,7 @@ class TrainingPhotos:
             number: index among the training photos.
         """
         prepared = self._prepared.get(number)
-        return prepared if prepared is not None else prepare(self._read(number).to(self._device))
-
-    def _read(self, number: int) -> Tensor:
-        prepared = self._prepared.get(number)
-        return self._photos[number].read() if prepared is None else prepared.photo.cpu()
+        return prepared if prepared is not None else prepare(self.pixels(number).to(self._device))
 
 
 def _read_checked(photo: Photo) -> Float[Tensor, "3 h w"]:
