@@ -65,6 +65,11 @@ def test_target_is_never_its_own_reference():
     assert choose_references(view("t.jpg", camera_at()), candidates, 5) == (2, 1)  # the photo of the same view
 
 
+def test_raised_digits_in_names_are_letters():
+    references = [view("10²5.png"), view("10²12.png")]
+    assert choose_references(view("10²6.png"), references, 1) == (0,)
+
+
 def test_without_cameras_names_nearest_in_natural_order():
     names = ["r_1.png", "r_2.png", "r_9.png", "r_10.png", "r_30.png"]
     candidates = [view(name) for name in names]

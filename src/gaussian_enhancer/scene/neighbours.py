@@ -155,4 +155,4 @@ def _nearest_names(target: str, names: list[str], indices: list[int]) -> tuple[i
 def _natural(name: str) -> tuple[tuple[int, int, str], ...]:
     """Sort key for natural order, in which 10 follows 9."""
     parts = re.findall(r"\d+|\D+", name.rsplit(".", 1)[0])
-    return tuple((0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts)
+    return tuple((0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts)
