@@ -17,11 +17,10 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.input_files import abbreviate, reader
 from gaussian_enhancer.scene.json_file import get_member, get_number, get_pixels, get_string, read_json
-from gaussian_enhancer.scene.posed import orthonormal_pose
 from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.scene.undistort import Lens, ideal_pinhole
-from gaussian_enhancer.types import Camera
+from gaussian_enhancer.types import Camera, orthonormal_pose
 
 Side = Literal["train", "test"]
 

@@ -20,10 +20,9 @@ from gaussian_enhancer.input_files import abbreviate, reader
 from gaussian_enhancer.scene.cameras import read_cameras
 from gaussian_enhancer.scene.colmap import camera_pose, read_model
 from gaussian_enhancer.scene.json_file import get_number, get_object, get_pixels, read_json
-from gaussian_enhancer.scene.posed import orthonormal_pose
 from gaussian_enhancer.scene.transforms import read_lens, read_pose
 from gaussian_enhancer.scene.undistort import Lens, ideal_pinhole
-from gaussian_enhancer.types import Camera
+from gaussian_enhancer.types import Camera, orthonormal_pose
 
 KNOWN = "a camera_path.json of nerfstudio, a transforms.json, a cameras.json, or a folder with a COLMAP model"
 MOST_FRAMES = 1_000_000

@@ -98,7 +98,8 @@ def load_nerf_synthetic(
 ) -> Scene:
     """A scene from ``transforms_train.json``, ``_test`` and ``_val`` (Mildenhall et al. 2020), RGBA over white.
 
-    Photo names start with the split of their file (``train_r_0.png``), since all three files number photos from 0.
+    Where names repeat, since all three files number their photos from 0, photo names start with the split of their file
+    (``train_r_0.png``).
     Validation photos are part of the scene but of neither its training nor its test split.
 
     Args:

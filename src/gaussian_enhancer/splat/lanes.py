@@ -169,7 +169,7 @@ _POLYNOMIAL = (0.00132765, 0.00967554, 0.05550713, 0.2402212, 0.69314697, 1.0000
 
 @intrinsic  # type: ignore[untyped-decorator]
 def exp2_of(typing: Any, value: Any) -> Any:
-    """2^t for t in [-126, 0], undefined elsewhere; by the polynomial of `splat.compiled.exp2_nonpositive`."""
+    """2^t for t in [-126, 0], undefined elsewhere; by the polynomial of `compiled.exp2_nonpositive`."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         (t,) = arguments
