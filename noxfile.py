@@ -138,9 +138,13 @@ def simulator(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def renders(session: nox.Session) -> None:
-    """Train the same enhancer on every kind of render (conf/ablation/renders); resumes after a kill."""
+    """Train the same enhancer on every kind of render (conf/ablation/renders); resumes after a kill.
+
+    The rows after_tsds and after_real go on from the weights of other rows: each is a command of its own, in its file.
+    """
     install(session)
-    rows = ",".join(sorted(path.stem for path in Path("conf/ablation/renders").glob("*.yaml")))
+    stems = sorted(path.stem for path in Path("conf/ablation/renders").glob("*.yaml"))
+    rows = ",".join(stem for stem in stems if not stem.startswith("after_"))
     session.run("gaussian-enhancer", "train", "-m", "+recipe=renders", f"+ablation/renders={rows}", *session.posargs)
 
 

@@ -7,7 +7,7 @@ import torch
 from omegaconf import OmegaConf
 
 from gaussian_enhancer.align.references import ReferenceConfig
-from gaussian_enhancer.checkpoint import find_checkpoint
+from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.cli.train import _network, naming_configuration
 from gaussian_enhancer.degrade.simulator import NoSecondStage, Simulator
 from gaussian_enhancer.errors import InputError
@@ -15,7 +15,7 @@ from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import design_of, load_weights, save_weights
 from gaussian_enhancer.network.fuse import Trust
 from gaussian_enhancer.network.ssif_lr import SSIFLR
-from gaussian_enhancer.runs.instantiate import build
+from gaussian_enhancer.runs.instantiate import build, require
 from gaussian_enhancer.runs.run import result_values
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.train.crops import BalancedDraw
@@ -143,6 +143,24 @@ def test_weights_to_begin_with_are_named_by_what_they_hold(tmp_path):
     )
     assert result_values(shipped) == result_values(copy)
     assert len({str(result_values(cfg)) for cfg in (plainly, shipped, other)}) == 3
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["+recipe=lr_further"],
+        ["+recipe=lr_converged"],
+        ["+recipe=renders", "+ablation/renders=after_tsds"],
+        ["+recipe=renders", "+ablation/renders=after_real"],
+    ],
+    ids=lambda words: words[-1],
+)
+def test_a_training_that_goes_on_from_weights_is_refused_without_them(words):
+    with pytest.raises(InputError, match="initial: is mandatory"):
+        require(configured(*MISSING, *words))
+    begun = configured(*MISSING, *words, "initial=lr_tiny")
+    require(begun)
+    assert naming_configuration(begun).initial == checkpoint_digest(find_checkpoint("lr_tiny"))
 
 
 def test_training_begins_with_weights_and_its_card_tells_of_them(plane_run, other_plane_run, tmp_path):
