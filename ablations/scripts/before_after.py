@@ -16,6 +16,7 @@ from omegaconf import DictConfig
 from PIL import Image, ImageDraw, ImageFont
 from torch import Tensor
 
+from ablations.study.methods import name_of
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.input_files import read_configuration
@@ -141,7 +142,7 @@ def strip(view: Compared, box: tuple[int, int, int, int]) -> Image.Image:
 
 
 def used_weights(run: Path) -> str:
-    """The weights of an enhance run, without folder and ending.
+    """Name of the weights of an enhance run, see `name_of`.
 
     Raises:
         InputError: its configuration names none.
@@ -149,7 +150,7 @@ def used_weights(run: Path) -> str:
     values = read_configuration(run / "config.yaml")
     if "weights" not in values:
         raise InputError(run / "config.yaml", "names no weights", "give the folder of a finished job enhance")
-    return Path(str(values["weights"])).stem
+    return name_of(str(values["weights"]))
 
 
 def run(cfg: DictConfig) -> None:

@@ -13,17 +13,12 @@ from omegaconf import DictConfig
 from ablations.study.engine import Study, job
 from ablations.study.fits import finished_fits
 from ablations.study.gains import gain_study
+from ablations.study.methods import name_of
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.weights import Pretrained, load_weights
 from gaussian_enhancer.scene.frozen import refuse_frozen
-
-
-def name_of(weights: str) -> str:
-    """What a row is called."""
-    path = Path(weights)
-    return path.parent.name.rpartition("-")[0] or path.stem if path.suffix else weights
 
 
 def load_candidates(candidates: Sequence[str]) -> dict[str, Pretrained]:

@@ -24,7 +24,7 @@ from ablations.study.engine import Study, job
 from ablations.study.enhanced_views import MeasuredView, enhanced_views
 from ablations.study.fits import finished_fits, fits_by_scene, scene_of
 from ablations.study.markdown import markdown
-from ablations.study.methods import FixedMethod, Method, TwoFits, average
+from ablations.study.methods import FixedMethod, Method, TwoFits, average, name_of
 from ablations.study.plots import STYLE
 from ablations.study.roles import ROLES, role_of, with_roles
 from ablations.study.row_table import TableLayout, row_table
@@ -74,32 +74,27 @@ def harm(
     return {"blocks_harmed": float(harmed), "error_removed": float(removed), "error_added": float(added)}
 
 
-def load_enhancers(methods: Sequence[str], device: torch.device | None = None) -> dict[str, tuple[str, SetEnhancer]]:
-    """Digest of the weights and enhancer of each method, by its name.
+def load_enhancer(method: str, device: torch.device | None = None) -> tuple[str, str, SetEnhancer]:
+    """Name of a method, digest of its weights, and its enhancer.
 
     Args:
-        methods: each names weights, then optionally ``@`` and a strength, then a colon and a key of `WITHOUT`.
-        device: where networks run; None is the processor.
+        method: names weights, then optionally ``@`` and a strength, then a colon and a key of `WITHOUT`.
+        device: where the network runs; None is the processor.
 
     Raises:
         InputError: weights cannot be read, or a strength is no share.
     """
-    by_label = {}
-    for method in methods:
-        chosen, _, extra = method.partition(":")
-        if extra not in WITHOUT:
-            raise InputError(
-                method, f"ends in :{extra}", f"leave it out, or write :{' or :'.join(filter(None, WITHOUT))}"
-            )
-        name, _, strength = chosen.partition("@")
-        pretrained = load_weights(name)
-        options = replace(WITHOUT[extra], strength=share_of(method, strength) if strength else None)
-        enhancer = options.enhancer(pretrained, pretrained.reference_config, device)
-        unlimited = enhancer.confidence is not None and enhancer.strength == 1
-        left_out = extra.replace("_", " ")
-        label = " ".join(filter(None, (f"{Path(name).stem}{'' if unlimited else f'@{enhancer.strength:g}'}", left_out)))
-        by_label[label] = checkpoint_digest(find_checkpoint(name)), enhancer
-    return by_label
+    chosen, _, extra = method.partition(":")
+    if extra not in WITHOUT:
+        raise InputError(method, f"ends in :{extra}", f"leave it out, or write :{' or :'.join(filter(None, WITHOUT))}")
+    weights, _, strength = chosen.partition("@")
+    pretrained = load_weights(weights)
+    options = replace(WITHOUT[extra], strength=share_of(method, strength) if strength else None)
+    enhancer = options.enhancer(pretrained, pretrained.reference_config, device)
+    unlimited = enhancer.confidence is not None and enhancer.strength == 1
+    left_out = extra.replace("_", " ")
+    name = " ".join(filter(None, (f"{name_of(weights)}{'' if unlimited else f'@{enhancer.strength:g}'}", left_out)))
+    return name, checkpoint_digest(find_checkpoint(weights)), enhancer
 
 
 OTHERS = ("ibgs", "ibgs:without_exposure", "average", "two_fits")
@@ -114,21 +109,27 @@ def requested_methods(cfg: DictConfig, device: torch.device | None = None) -> di
         device: where networks run; None is the processor.
 
     Raises:
-        InputError: see `enhancers`; or a method's trainings or fits are missing.
+        InputError: see `load_enhancer`; a method's trainings or fits are missing; or two have the same name.
     """
     methods: dict[str, Method] = {}
     for method in cfg.methods:
-        if method == "average":
-            methods["average of render and references"] = average()
-        elif method == "two_fits":
-            methods["average of two fits"] = TwoFits.from_patterns(cfg.second)
-        elif method in OTHERS:
-            exposure = method == "ibgs"
-            methods["ibgs" if exposure else "ibgs without exposure"] = IBGS.from_patterns(cfg.ibgs, exposure)
-        else:
-            for label, (digest, enhancer) in load_enhancers([method], device).items():
-                methods[label] = FixedMethod(digest, enhancer)
+        name, requested = _requested_method(cfg, method, device)
+        if name in methods:
+            raise InputError(method, f"is the second method {name}", "name each once, and label trainings differently")
+        methods[name] = requested
     return methods
+
+
+def _requested_method(cfg: DictConfig, method: str, device: torch.device | None) -> tuple[str, Method]:
+    if method == "average":
+        return "average of render and references", average()
+    if method == "two_fits":
+        return "average of two fits", TwoFits.from_patterns(cfg.second)
+    if method in OTHERS:
+        exposure = method == "ibgs"
+        return "ibgs" if exposure else "ibgs without exposure", IBGS.from_patterns(cfg.ibgs, exposure)
+    name, digest, enhancer = load_enhancer(method, device)
+    return name, FixedMethod(digest, enhancer)
 
 
 def share_of(method: str, strength: str) -> float:

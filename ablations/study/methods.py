@@ -23,6 +23,18 @@ from gaussian_enhancer.scene.renders import read_run, run_steps
 from gaussian_enhancer.types import NetworkInput
 
 
+def name_of(weights: str) -> str:
+    """Name of weights in a study: the shipped name, or that of the training's folder without its digest.
+
+    Every training writes a file of the same name. A file in no such folder is named by its own name without ending.
+
+    Args:
+        weights: shipped name or file.
+    """
+    path = Path(weights)
+    return path.parent.name.rpartition("-")[0] or path.stem if path.suffix else weights
+
+
 @dataclass(frozen=True)
 class Applied:
     """A method as it is applied to a fit at a step.

@@ -13,6 +13,7 @@ from ablations.scripts.before_after import (
     median_gain,
     read_views,
     strip,
+    used_weights,
     worst_block,
 )
 from gaussian_enhancer.errors import InputError
@@ -61,6 +62,12 @@ def test_the_strip_holds_three_views_and_their_crops() -> None:
         3 * WIDTH + 2 * GAP,
         BAND + 2 * HEIGHT + GAP,
     )
+
+
+def test_weights_of_a_training_are_captioned_by_its_name(tmp_path) -> None:
+    for weights, name in (("lr_tiny", "lr_tiny"), ("runs/train/row_sif-0123abcd/weights.safetensors", "row_sif")):
+        (tmp_path / "config.yaml").write_text(f"weights: {weights}\n")
+        assert used_weights(tmp_path) == name
 
 
 def test_a_folder_without_enhanced_views_is_refused(tmp_path) -> None:

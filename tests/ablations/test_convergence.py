@@ -13,24 +13,29 @@ from ablations.scripts.convergence import (
     diagram_section,
     find_fits,
     harm,
-    load_enhancers,
+    load_enhancer,
     picture_section,
+    requested_methods,
     shown_views,
 )
 from ablations.study.roles import ROLES, role_of, with_roles
 from ablations.study.row_table import page, read_layout
 from ablations.study.rows import RowFile
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.weights import load_weights
+from gaussian_enhancer.infer.weights import load_weights, save_weights
 from gaussian_enhancer.metrics.records import Record, write_records
+from support.job_config import job_config
+from support.networks import small_sif
 from support.paths import DOCS
 
 
 def test_a_method_names_weights_strength_and_what_is_left_out() -> None:
-    made = load_enhancers(["lr_tiny", "lr_tiny@0.5", "lr_tiny:without_confidence", "lr_tiny@1:plain"])
+    methods = ["lr_tiny", "lr_tiny@0.5", "lr_tiny:without_confidence", "lr_tiny@1:plain"]
+    made = {name: enhancer for name, _, enhancer in map(load_enhancer, methods)}
     own = load_weights("lr_tiny").strength
     assert list(made) == ["lr_tiny", "lr_tiny@0.5", f"lr_tiny@{own:g} without confidence", "lr_tiny@1 plain"]
-    kept = [(one.strength, one.confidence is not None, one.colour_completion) for _, one in made.values()]
+    kept = [(one.strength, one.confidence is not None, one.colour_completion) for one in made.values()]
     assert kept == [(1.0, True, True), (0.5, True, True), (own, False, True), (1.0, False, False)]
 
 
@@ -44,7 +49,20 @@ def test_a_method_names_weights_strength_and_what_is_left_out() -> None:
 )
 def test_another_ending_and_no_share_are_refused(method: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
-        load_enhancers([method])
+        load_enhancer(method)
+
+
+def test_trainings_are_methods_of_their_own_and_none_is_measured_twice(tmp_path) -> None:
+    files = [tmp_path / f"{label}-0123abcd" / "weights.safetensors" for label in ("narrow", "wide")]
+    for file in files:
+        file.parent.mkdir()
+        save_weights(file, small_sif(), ReferenceConfig(), {})
+    chosen = [f"methods=[{files[0]}@1,{files[1]}@1,average]", f"records={tmp_path}/found.jsonl"]
+    made = requested_methods(job_config("convergence", *chosen))
+    assert list(made) == ["narrow@1", "wide@1", "average of render and references"]
+    for twice in (f"{files[0]}@1,{files[0]}@1.0", "average,average"):
+        with pytest.raises(InputError, match=r"is the second method (narrow@1|average)"):
+            requested_methods(job_config("convergence", f"methods=[{twice}]", chosen[1]))
 
 
 def named_fit(plane_run: Path, folder: Path, scene: str) -> Path:

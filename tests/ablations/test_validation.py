@@ -33,8 +33,6 @@ def weights(tmp_path):
 
 def test_rows_are_named_by_what_was_trained_and_not_twice(weights):
     assert list(candidates.load_enhancers(weights)) == ["same", "brighter"]
-    assert candidates.name_of("lr_tiny") == "lr_tiny"
-    assert candidates.name_of("own.safetensors") == "own"
     with pytest.raises(InputError, match="second row same"):
         candidates.load_enhancers([weights[0], weights[0]])
     with pytest.raises(InputError, match="enlarges 4 times"):

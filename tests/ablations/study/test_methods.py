@@ -6,12 +6,18 @@ import pytest
 import torch
 
 from ablations.study.enhanced_views import enhanced_views
-from ablations.study.methods import Average, TwoFits, average
+from ablations.study.methods import Average, TwoFits, average, name_of
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record, write_records
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.types import NetworkInput
 from support.synthetic_runs import write_plane_run
+
+
+def test_weights_are_named_by_what_was_trained():
+    assert name_of("lr_tiny") == "lr_tiny"
+    assert name_of("own.safetensors") == "own"
+    assert name_of("runs/train/row_sif-0123abcd/weights.safetensors") == "row_sif"
 
 
 def test_the_average_weighs_references_by_visibility():
