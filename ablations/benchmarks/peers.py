@@ -53,7 +53,7 @@ from ablations.report.performance import (
     performance_plot,
 )
 from ablations.study.cost import device_description, quartiles, times_faster
-from ablations.study.engine import Study, job
+from ablations.study.engine import Study, job, refuse_narrowed
 from ablations.study.missing import missing_record, reason_of
 from ablations.tradeoff.summary import HIGH, LOW, TIME
 from gaussian_enhancer.console import print_line
@@ -95,7 +95,13 @@ class NetworkCall:
 
 
 def study(cfg: DictConfig, device: torch.device) -> Study[str]:
-    """Networks, pipeline and command line, in one process; the page and its diagram."""
+    """Networks, pipeline and command line, in one process; the page and its diagram.
+
+    Raises:
+        InputError: some networks alone would be measured, and replace the committed records of all.
+    """
+    if not cfg.records_only:
+        refuse_narrowed("peers", cfg, "networks", "records", "records=FILE page=PAGE")
     console = Console(stderr=True)
 
     def measure(_: str) -> Iterator[Record]:

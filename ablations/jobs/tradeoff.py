@@ -16,7 +16,7 @@ from rich.console import Console
 
 from ablations.report.tradeoff import write_pages
 from ablations.report.tradeoff_quality import TradeoffLimits
-from ablations.study.engine import Study, job
+from ablations.study.engine import Study, job, refuse_narrowed
 from ablations.study.pareto import pareto_front
 from ablations.tradeoff.interleaved import study_records
 from ablations.tradeoff.methods import SettingLoader
@@ -46,7 +46,7 @@ def studies(cfg: DictConfig, device: torch.device) -> list[Study[str]]:
     """One study per kind, whose settings or kernels are timed in turn in one process, and a report on all of them.
 
     Raises:
-        InputError: a name is unknown, or a limit is no number.
+        InputError: a name is unknown, a limit is no number, or a part alone would replace the committed records of all.
     """
     if cfg.kind not in (*KINDS, "all"):
         raise InputError("kind", f"is {cfg.kind!r}", f"choose {', '.join(KINDS)} or all")
@@ -57,6 +57,9 @@ def studies(cfg: DictConfig, device: torch.device) -> list[Study[str]]:
     compared = read_studies(cfg)
     measure_kind = partial(measure, cfg, compared, device)
     kinds = () if cfg.records_only else KINDS if cfg.kind == "all" else (cfg.kind,)
+    for kind, narrowing in (("quality", "studies"), ("numerics", "numerics.cases")):
+        if kind in kinds:
+            refuse_narrowed("tradeoff", cfg, narrowing, "results", "results=FOLDER markdown=PAGE")
     folder = output_path(cfg)
     measured_studies = [
         Study((kind,), measure_kind, records=folder / f"{kind}.jsonl", replaces_file=True) for kind in kinds

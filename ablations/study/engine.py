@@ -17,11 +17,12 @@ from typing import Any, Generic, TypeVar
 
 import pandas as pd
 import torch
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from ablations.study.markdown import markdown
 from ablations.study.row_table import TableLayout, page, row_table
 from ablations.study.rows import Measurement, RowFile, frame_of, line_of, with_provenance
+from gaussian_enhancer.configurations import configurations
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.records import MISSING
@@ -76,6 +77,24 @@ class Study(Generic[Part]):
         """
         path = self.records or option
         return RowFile(Path(path), self.keys, self.columns, self.option) if path else None
+
+
+def refuse_narrowed(name: str, cfg: DictConfig, narrowing: str, place: str, remedy: str) -> None:
+    """Refuse an option that measures a part where it would replace the job's committed records of everything.
+
+    Args:
+        name: of the job; its file states where the records are by default.
+        cfg: the job's configuration, composed.
+        narrowing: option that names what is measured; null for all.
+        place: option that names the place of the records.
+        remedy: options that write elsewhere.
+
+    Raises:
+        InputError: the option names a part, and the records are at their default place.
+    """
+    default = OmegaConf.select(OmegaConf.load(configurations() / f"{name}.yaml"), place)
+    if OmegaConf.select(cfg, narrowing) is not None and Path(cfg[place]) == Path(default):
+        raise InputError(narrowing, f"names a part, but all records in {default} would be replaced", f"add {remedy}")
 
 
 def job(

@@ -50,7 +50,7 @@ from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.cost import Timing, time_interleaved
 from gaussian_enhancer.metrics.records import Record, read_records
-from support.job_config import initialised
+from support.job_config import initialised, job_config
 
 CPU = torch.device("cpu")
 
@@ -335,6 +335,14 @@ def test_the_job_measures_and_makes_its_page_and_makes_it_again(tmp_path, job, m
     job("peers", *outputs, "records_only=true")
     assert page.read_text() == text
     assert (tmp_path / "peers.svg").is_file()
+
+
+def test_a_part_of_the_networks_does_not_replace_the_committed_records() -> None:
+    few = ("networks=[lr_tiny]", "page=page.md")
+    with pytest.raises(InputError, match=r"networks: names a part, but all records in docs/results/peers\.jsonl"):
+        peers.study(job_config("peers", *few), torch.device("cpu"))
+    for elsewhere in ("records=found.jsonl", "records_only=true"):
+        assert peers.study(job_config("peers", *few, elsewhere), torch.device("cpu")).replaces_file
 
 
 def tensors(found: torch.Tensor | tuple[torch.Tensor, ...]) -> tuple[torch.Tensor, ...]:

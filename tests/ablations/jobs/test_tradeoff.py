@@ -194,6 +194,8 @@ def test_offers_are_the_front_of_what_the_job_enhance_can_be_asked_for_on_valida
         ("tradeoff.within=much", "tradeoff.within: is 'much'"),
         ("tradeoff.budget_ms=-1", "tradeoff.budget_ms: is -1"),
         ("studies=[sr]", "studies: names 'sr'"),
+        ("studies=[lr]", "studies: names a part, but all records in docs/results/tradeoff would be replaced"),
+        ("numerics.cases=[latent]", r"numerics.cases: names a part.*add results=FOLDER"),
         ("+curves.lr.curves.raw.colour=red", "has a key 'colour'"),
         ("+curves.lr.curves.raw.weights=lr_tiny", "names weights and network"),
         ("curves.lr.curves.raw.network=resnet", "has network 'resnet'"),
