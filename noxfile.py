@@ -282,10 +282,11 @@ def docs(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def picture(session: nox.Session) -> None:
-    """Make the README's picture: fit the validation capture plush for 4,000 steps, enhance, draw."""
+    """Make the README's picture anew: fit the validation capture plush for 4,000 steps, enhance, draw."""
     install(session)
     if not os.environ.get("GAUSSIAN_ENHANCER_DATA"):
         session.error("GAUSSIAN_ENHANCER_DATA names no folder: it must hold captures/plush and lpips")
+    shutil.rmtree("runs/picture", ignore_errors=True)  # no run of other options or weights is taken for this one
     own = "runs=runs/picture"
     settings = (
         "settings.steps=4000",
