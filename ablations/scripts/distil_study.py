@@ -106,7 +106,7 @@ def choose_runs(words: Sequence[str], recorded: Collection[tuple[str, str]]) -> 
     """Parse the names of runs and check them before any is measured.
 
     Args:
-        words: see `named`.
+        words: see `parse_run`.
         recorded: captures and splats in the records.
 
     Raises:

@@ -18,7 +18,7 @@ LARGEST_COPY = 1_500_000
 """Largest size in bytes of a picture that is copied unchanged; larger ones become JPEGs of quality 92."""
 
 PARTS = {"render": "renders", "photo": "gt"}
-"""Folders of an enhanced run beside that of its enhanced images, by name of the image in `Shown.files`."""
+"""Folders of an enhanced run beside that of its enhanced images, by name of the image in `ShownView.files`."""
 
 
 @dataclass

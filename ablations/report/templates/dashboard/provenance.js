@@ -54,7 +54,7 @@ function showCell(table, line, place) {
     facts([
       ["Value", finite(number.value) ? `${number.value}` : line.statistic ? "" : "missing"],
       ["Gain", finite(number.gain) ? `${number.gain} over ${rowTitle(table, table.baseline)}` : ""],
-      ["Interval", finite(number.low) ? `${number.low} to ${number.high} (95%, bootstrap over scenes, seeds and views)` : ""],
+      ["Interval", finite(number.low) ? `${number.low} to ${number.high} (95%, bootstrap over scenes, or over the views of few scenes)` : ""],
       ["Spread", finite(number.deviation) ? `${number.deviation} (standard deviation over seeds)` : ""],
       ["Paper", finite(number.paper) || finite(number.paper_gain) ? `${[number.paper, finite(number.paper_gain) ? `gain ${written(metric, number.paper_gain, true)}` : ""].filter((x) => x !== undefined && x !== "").join(", ")}` : ""],
       ["n", counted],
