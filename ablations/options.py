@@ -352,7 +352,6 @@ class Peers(Options):
     device: Literal["auto", "cpu", "cuda"]
     networks: list[str] | None
     dtypes: list[Literal["float32", "bfloat16", "bfloat16 weights"]]
-    compiled: bool
     height: Side
     width: Side
     references: NonNegativeInt
@@ -394,7 +393,6 @@ class SplatKernels(Measurement):
     counts: list[Count]
     methods: list[Literal["3dgs", "mip_splatting", "2dgs"]]
     rounds: Count
-    cold: bool
 
 
 class ViewerSpeed(Measurement):

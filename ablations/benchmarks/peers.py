@@ -25,7 +25,6 @@ from ablations.benchmarks.peer_networks import (
     CAST,
     DTYPES,
     Call,
-    Forward,
     Peer,
     built,
     enhancement,
@@ -175,9 +174,6 @@ def network_records(cfg: DictConfig, peers: list[Peer], device: torch.device, vi
             continue
         amounts[call.peer.name, call.dtype] = work(call.peer, call.dtype, cfg.references)
         runnable[call.key] = call
-    for call in runnable.values() if cfg.compiled else ():
-        if isinstance(call.run, Forward):
-            call.run.network.compile()  # of ours also what the whole enhancement calls
     calls = {name: run for name, (run, _, _) in fixed.items()} | {key: call.run for key, call in runnable.items()}
     times = time_interleaved(calls, cfg.rounds, 1, device)
     protocol = _protocol(cfg, device)
@@ -328,6 +324,5 @@ def _time(timing: Timing, megapixels: float, yardstick: Timing) -> dict[str, flo
 
 def _protocol(cfg: DictConfig, device: torch.device) -> str:
     memory = "allocated on the device" if device.type == "cuda" else "of a process of its own, above its imports"
-    compiled = "networks by torch.compile" if cfg.compiled else "nothing by torch.compile"
     rounds = f"medians of {cfg.rounds} interleaved rounds after a warm-up"
-    return f"{device_description(device)}: {rounds}; channels-last; {compiled}; memory {memory}"
+    return f"{device_description(device)}: {rounds}; channels-last; nothing by torch.compile; memory {memory}"

@@ -3,14 +3,10 @@
 All cells (image size, number of Gaussians, method) run in turn, round after round, so that other load on the machine
 affects all of them alike. The job prints for each part the median and the least wall time; the least estimates an idle
 machine. "processor" is the time on all cores together, which is affected less when others use the machine.
-``cold=true`` measures the first compilation in an empty cache instead.
 """
 
 import os
 import statistics
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -101,36 +97,12 @@ class TimedFit:
         return columns
 
 
-def cold_compile(method: str) -> dict[str, Any]:
-    """Seconds of the first iteration with an empty cache, and in a second process with a filled cache."""
-    code = (
-        "import sys, time; from ablations.benchmarks.splat_kernels import METHODS, TimedFit; "
-        "cell = TimedFit(32, 32, 50, METHODS[sys.argv[1]]); begin = time.perf_counter(), time.process_time(); "
-        "cell.iterate(); print(time.perf_counter() - begin[0], time.process_time() - begin[1])"
-    )
-    with tempfile.TemporaryDirectory() as cache:
-        command = [sys.executable, "-c", code, method]
-        environment = {**os.environ, "NUMBA_CACHE_DIR": cache, "PYTHONPATH": os.pathsep.join(sys.path)}
-        runs = [subprocess.run(command, env=environment, check=True, capture_output=True, text=True) for _ in range(2)]
-    (cold, cold_processor), (warm, _) = (tuple(map(float, run.stdout.split())) for run in runs)
-    return {
-        "method": method,
-        "image": "32x32",
-        "gaussians": 50,
-        "cold_s": cold,
-        "cold_processor_s": cold_processor,
-        "cached_s": warm,
-    }
-
-
 def measured(cfg: DictConfig) -> list[dict[str, Any]]:
-    """One row per size, count and method; or one per method with its first compilation.
+    """One row per size, count and method.
 
     Args:
         cfg: conf/splat_kernels.yaml, composed.
     """
-    if cfg.cold:
-        return [cold_compile(method) for method in cfg.methods]
     about = {
         "threads": numba.get_num_threads(), "omp_wait_policy": os.environ.get("OMP_WAIT_POLICY"),
         "torch_threads": torch.get_num_threads(), "numba": numba.__version__, "load": os.getloadavg()[0],

@@ -60,7 +60,7 @@ def calibrate(run: Path, folder: Path, count: int) -> None:
 
 
 def rows(run: Path, count: int) -> list[dict[str, object]]:
-    """One record for each of a run's snapshots: energies of both sides and their ratios."""
+    """One record for each of a run's snapshots: energies of both sides."""
     records = []
     for step in run_steps(run):
         rendered = read_run(run, step)
@@ -68,8 +68,7 @@ def rows(run: Path, count: int) -> list[dict[str, object]]:
         record: dict[str, object] = {"run": run.name, "step": step, "last": step == run_steps(run)[-1]}
         record |= {"training_views": training.views, "held_out_views": held_out.views}
         for name in ENERGIES:
-            before, after = getattr(training, name), getattr(held_out, name)
-            record[name] = {"training": before, "held_out": after, "ratio": after / before if before > 0 else None}
+            record[name] = {"training": getattr(training, name), "held_out": getattr(held_out, name)}
         records.append(record)
     return records
 

@@ -40,7 +40,7 @@ def rows(names: Sequence[str], generator: str | None = None, steps: int = 8) -> 
 
     Args:
         names: of rows.
-        generator: weights of stage 2, for the rows ``tsds`` and ``random_tsds``.
+        generator: weights of stage 2, for the row ``tsds``.
         steps: of the diffusion's sampler.
 
     Raises:
@@ -55,13 +55,10 @@ def rows(names: Sequence[str], generator: str | None = None, steps: int = 8) -> 
         "random": lambda _: Simulator(RandomGate()),  # the paper's gate: random types in random order, some in regions
         "adaptive": lambda splat: Simulator(adapted(splat)),
     }
-    learnt = ("tsds", "random_tsds", "none_tsds")
-    refuse_unknown("rows", names, (*makers, *learnt))
-    if set(names) & set(learnt):
+    refuse_unknown("rows", names, (*makers, "tsds"))
+    if "tsds" in names:
         if generator is None:
             raise InputError("rows", "names a second stage without weights", "add generator_weights=simulator")
         second = diffused(generator, Sampler(steps))
         makers["tsds"] = lambda splat: Simulator(adapted(splat), second)
-        makers["random_tsds"] = lambda splat: Simulator(RandomGate(), second)
-        makers["none_tsds"] = lambda splat: Simulator(NoGate(), second)
     return {name: makers[name] for name in names}

@@ -34,7 +34,6 @@ function gainOf(table, place, key) {
   return numeric(valueOf(table.records[place], key)) - first;
 }
 
-const sourcesOf = (index) => Object.fromEntries(field(index, "sources"));
 const reasonsOf = (index) => Object.fromEntries(field(index, "reasons"));
 const rowTitle = (table, row) => table.rows[row]?.title ?? row;
 const datasetTitle = (table, key) => (key === "all" ? "all" : table.datasets[key]?.title ?? key);
