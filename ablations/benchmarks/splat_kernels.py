@@ -19,11 +19,10 @@ from omegaconf import DictConfig
 from ablations.study.engine import Study, job
 from gaussian_enhancer.splat.fit.optimise import LearningRates, SplatOptimiser
 from gaussian_enhancer.splat.fit.similarity import PreparedPhoto, photometric_loss, prepare
-from gaussian_enhancer.splat.methods import Method, MipSplatting, ThreeDGS, TwoDGS
+from gaussian_enhancer.splat.methods import METHODS, Method, TwoDGS
 from gaussian_enhancer.splat.render import render
 from gaussian_enhancer.types import Gaussians, identity_camera
 
-METHODS: dict[str, Method] = {method.name: method for method in (ThreeDGS(), MipSplatting(), TwoDGS())}
 PARTS = ("forward", "loss", "backward", "optimizer", "iteration")
 
 

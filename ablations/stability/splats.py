@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from ablations.stability.case import PRECISIONS, Case, Problem, Tolerance
-from gaussian_enhancer.splat.methods import Method, MipSplatting, ThreeDGS, TwoDGS
+from gaussian_enhancer.splat.methods import METHODS, Method, MipSplatting, TwoDGS
 from gaussian_enhancer.splat.render import render
 from gaussian_enhancer.types import Camera, Gaussians, identity_camera
 
@@ -22,7 +22,6 @@ WHY = "a share that lies at the threshold 1/255 may be drawn in one precision an
 
 HEIGHT, WIDTH, COUNT = 24, 32, 12
 WITH_DEPTH = ("harmonics", "log_scale_90", "log_scale_-1e30")
-METHODS: dict[str, Method] = {"3dgs": ThreeDGS(), "2dgs": TwoDGS(), "mip_splatting": MipSplatting()}
 
 
 def cases() -> list[Case]:

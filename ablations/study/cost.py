@@ -53,6 +53,11 @@ def device_description(device: torch.device) -> str:
     return "GPU" if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"
 
 
+def memory_description(device: torch.device) -> str:
+    """Text for a protocol that says which memory `peak_memory` measures."""
+    return "allocated on the device" if device.type == "cuda" else "of the whole process"
+
+
 def peak_memory(call: Call, device: torch.device | str = "cpu") -> int:
     """Peak memory in bytes while a computation runs.
 

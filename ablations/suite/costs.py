@@ -18,7 +18,7 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from torch import Tensor
 
-from ablations.study.cost import device_description, peak_memory
+from ablations.study.cost import device_description, memory_description, peak_memory
 from ablations.study.missing import missing_record, reason_of
 from ablations.suite.descriptions import Experiment
 from ablations.suite.method_runs import Runs
@@ -101,10 +101,8 @@ def _timed(runs: Runs, weights: Mapping[str, str], size: str, shape: tuple[int, 
     times = time_interleaved(calls, int(runs.cfg.scale.repeats), 1, device)
     calls.clear()
     cached_plane.cache_clear()  # peak memory then counts only a method's own inputs
-    memory = "allocated on the device" if device.type == "cuda" else "of the whole process"
-    protocol = (
-        f"{device_description(device)}: median of {runs.cfg.scale.repeats} interleaved repeats; peak memory {memory}"
-    )
+    protocol = f"{device_description(device)}: median of {runs.cfg.scale.repeats} interleaved repeats; "
+    protocol += f"peak memory {memory_description(device)}"
     for method, timing in times.items():
         peak = peak_memory(_enhance_call(weights[method], shape, device, plane), device) / MEGABYTE
         metrics: dict[str, float | None] = {"milliseconds": timing.milliseconds, "peak_memory_mb": peak}

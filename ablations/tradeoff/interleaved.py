@@ -15,7 +15,7 @@ from omegaconf import DictConfig, open_dict
 from rich.console import Console
 from torch import Tensor
 
-from ablations.study.cost import device_description, peak_memory, quartiles
+from ablations.study.cost import device_description, memory_description, peak_memory, quartiles
 from ablations.study.missing import missing_record, reason_of
 from ablations.suite.evaluation import StudyCell, compose_checked, fitted_cell
 from ablations.tradeoff.methods import Enhance, SettingLoader
@@ -183,9 +183,9 @@ def _view_records(
     repeats = max(1, min(study.repeats, int(rounds)))
     times = time_interleaved(calls, repeats, 0, device)
     (target,) = view.targets
-    memory = "allocated on the device" if device.type == "cuda" else "of the whole process"
     protocol = f"{PROTOCOL}; {device_description(device)}: median and quartiles of {repeats} interleaved repeats "
-    protocol += f"after a warm-up, views in memory, references chosen and aligned anew; peak memory {memory}"
+    protocol += "after a warm-up, views in memory, references chosen and aligned anew; "
+    protocol += f"peak memory {memory_description(device)}"
     for name, first_call in first_calls.items():
         read: Callable[[], torch.Tensor] | None = target.read_fine_photo if study.finer else target.read_photo
         if read is None:

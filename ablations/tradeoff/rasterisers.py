@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from ablations.tradeoff.kernels import DTYPES, Cases
-from gaussian_enhancer.splat.methods import Method, MipSplatting, ThreeDGS, TwoDGS
+from gaussian_enhancer.splat.methods import METHODS, Method, MipSplatting, TwoDGS
 from gaussian_enhancer.splat.oracle import render_oracle
 from gaussian_enhancer.splat.render import render
 from gaussian_enhancer.types import Camera, Gaussians, Render, identity_camera
@@ -25,8 +25,7 @@ COUNT, FEW = 200, (48, 64)
 
 def rasterisers(device: torch.device) -> Cases:
     """Forward and backward of 3DGS, Mip-Splatting and 2DGS: kernels (gsplat on CUDA), and a reference in PyTorch."""
-    methods: tuple[Method, ...] = (ThreeDGS(), MipSplatting(), TwoDGS())
-    for method in methods:
+    for method in (METHODS[name] for name in ("3dgs", "mip_splatting", "2dgs")):
         splat = _cloud(2 if isinstance(method, TwoDGS) else 3, isinstance(method, MipSplatting)).to(device)
         camera = identity_camera(*FEW, float(FEW[1])).to(device)
         for name, compute in (("forward", _rendered_image), ("backward", _parameter_gradients)):

@@ -3,6 +3,7 @@
 A method determines a Gaussian's footprint in the image. Sorting, blending and thresholds are the same for all methods.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -52,6 +53,9 @@ class MipSplatting:
 
 Method = ThreeDGS | TwoDGS | MipSplatting
 
+METHODS: Mapping[str, Method] = {method.name: method for method in (ThreeDGS(), TwoDGS(), MipSplatting())}
+"""The methods with their usual parameters, by name."""
+
 
 def check_axes(gaussians: Gaussians, method: Method) -> None:
     """Refuse ellipsoids for a method that draws disks, and disks for one that draws ellipsoids.
@@ -79,8 +83,7 @@ def choose_method(name: str, gaussians: Gaussians) -> Method:
     """
     disks = gaussians.log_scales.shape[1] == 2
     automatic = TwoDGS() if disks else ThreeDGS() if gaussians.smoothing is None else MipSplatting()
-    all_methods: tuple[Method, ...] = (ThreeDGS(), TwoDGS(), MipSplatting())
-    methods: dict[str, Method] = {"auto": automatic, **{method.name: method for method in all_methods}}
+    methods: dict[str, Method] = {"auto": automatic, **METHODS}
     if name not in methods:
         raise InputError("method", f"is {name!r}", f"choose {', '.join(methods)}")
     return methods[name]

@@ -3,8 +3,9 @@ import subprocess
 import sys
 
 import pytest
+import torch
 
-from ablations.study.cost import deviation, quartiles, times_faster
+from ablations.study.cost import deviation, memory_description, quartiles, times_faster
 from gaussian_enhancer.metrics.cost import Timing
 from support.paths import ROOT
 
@@ -12,6 +13,11 @@ from support.paths import ROOT
 def test_the_deviation_of_repeats() -> None:
     repeats = (250.0, 4000.0, 250.0)
     assert deviation(Timing(250.0, repeats)) == pytest.approx(statistics.stdev(repeats))
+
+
+def test_protocols_say_which_memory_is_measured() -> None:
+    assert memory_description(torch.device("cpu")) == "of the whole process"
+    assert memory_description(torch.device("cuda")) == "allocated on the device"
 
 
 HELD = """
