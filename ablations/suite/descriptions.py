@@ -14,7 +14,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from ablations.study.description import FAITHFUL, MethodDescription, SceneGroup, TableDescription
 from ablations.suite.evaluation import StudyCell
-from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.runs.instantiate import plain_values
 
 USUAL, UPSCALE = "usual", "finer"
@@ -103,11 +103,11 @@ def read_experiment(name: str, scale: DictConfig) -> Experiment:
     path = next(iter(ablations().glob(f"*/{name}.yaml")))
     try:
         study = plain_values(OmegaConf.load(path))  # type: ignore[arg-type]
-        learns = {str(method): str(values.pop("learns", USUAL)) for method, values in study["methods"].items()}
+        rows = method_rows(study)
+        learns = {method: str(values.pop("learns", USUAL)) for method, values in rows.items()}
         common = tuple(study.get("train", ()))
         methods = {
-            method: _method(values, scale.trainings[learns[method]].train, common)
-            for method, values in study["methods"].items()
+            method: _method(values, scale.trainings[learns[method]].train, common) for method, values in rows.items()
         }
         cost = study["kind"] == "cost"
         table = TableDescription(
@@ -134,6 +134,20 @@ def read_experiment(name: str, scale: DictConfig) -> Experiment:
             path, f"is no study at scale {scale.name} ({error})", "compare it with its neighbours"
         ) from error
     return Experiment(table, cells, learns)
+
+
+def method_rows(study: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """The methods of a study: a mapping of its own, or a list of names of ``ablations/methods.yaml``.
+
+    Raises:
+        InputError: a name is unknown.
+    """
+    methods = study["methods"]
+    if isinstance(methods, Mapping):
+        return {str(method): values for method, values in methods.items()}
+    shared = plain_values(OmegaConf.load(ablations() / "methods.yaml"))  # type: ignore[arg-type]
+    refuse_unknown("methods", methods, shared)
+    return {method: shared[method] for method in methods}
 
 
 def paper_values(study: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, ...] | None]]:

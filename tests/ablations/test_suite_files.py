@@ -8,9 +8,10 @@ import pytest
 from hydra import compose
 from omegaconf import OmegaConf
 
-from ablations.suite.descriptions import known_names, read_experiment, requested_names
+from ablations.suite.descriptions import known_names, method_rows, read_experiment, requested_names
 from ablations.suite.evaluation import compose_checked
 from ablations.suite.method_runs import Runs
+from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import build
 from support.job_config import initialised, job_config
 from support.paths import ROOT
@@ -147,10 +148,20 @@ def methods() -> list[tuple[str, str]]:
     found: dict[tuple[str, ...], tuple[str, str]] = {}
     for path in sorted((ROOT / "ablations").glob("*/*.yaml")):
         study = loaded(path)
-        for method, values in study["methods"].items() if "methods" in study else ():
+        for method, values in method_rows(study).items() if "methods" in study else ():
             if values.get("train"):
                 found[(*study.get("train", ()), *values["train"])] = (path.stem, method)
     return sorted(found.values())
+
+
+def test_rows_that_are_listed_are_the_shared_ones() -> None:
+    shared = loaded(ROOT / "ablations/methods.yaml")
+    assert method_rows({"methods": ["gepp", "raw"]}) == {"gepp": shared["gepp"], "raw": shared["raw"]}
+    assert list(method_rows({"methods": ["gepp", "raw"]})) == ["gepp", "raw"]
+    with pytest.raises(InputError, match="methods: names 'ours'; choose from raw"):
+        method_rows({"methods": ["raw", "ours"]})
+    files = [path for folder in ("tables", "studies") for path in (ROOT / "ablations" / folder).glob("*.yaml")]
+    assert shared.keys() <= {name for path in files for name in loaded(path)["methods"]}
 
 
 @pytest.mark.parametrize(("name", "method"), methods())
@@ -181,7 +192,7 @@ def test_every_row_of_the_paper_is_there_twice_and_named(name) -> None:
 
 
 def test_files_behind_rows_are_used_and_say_why_they_are_fair() -> None:
-    words = " ".join(path.read_text(encoding="utf-8") for path in (ROOT / "ablations").glob("*/*.yaml"))
+    words = " ".join(path.read_text(encoding="utf-8") for path in (ROOT / "ablations").rglob("*.yaml"))
     for group in ("gates", "generator", "alignment", "depth", "references", "mode", "variant"):
         for path in (ROOT / "conf/ablation" / group).glob("*.yaml"):
             assert f"+ablation/{group}={path.stem}]" in words or f"+ablation/{group}={path.stem}," in words, path.name
