@@ -163,6 +163,10 @@ def test_a_measurement_that_is_stopped_begins_anew(toy_job, capsys, monkeypatch)
     assert capsys.readouterr().err == "gaussian-enhancer: stopped by Ctrl-C; the same command begins anew\n"
 
 
+def test_trainings_with_checkpoints_do_not_begin_anew():
+    assert {"fit", "train", "train_generator", "distil", "ibgs"}.isdisjoint(cli.RESTARTED)
+
+
 def test_a_killed_process_of_a_sweep_is_one_line(toy_job, capsys, monkeypatch):
     def run(cfg):
         os.kill(os.getpid(), signal.SIGKILL)
