@@ -25,6 +25,7 @@ from omegaconf import DictConfig
 from PIL import Image
 
 from ablations.study.engine import Study, job
+from gaussian_enhancer.cores import usable_cores
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import atomic_write
 
@@ -216,7 +217,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
         about = {"run": run, "show": cfg.show, "width": cfg.width, "options": " ".join(words)}
         with viewing([*overrides, *words]) as (address, job), browsing(address) as driver:
             pictures = drag_camera(driver, job, float(cfg.seconds))
-        yield {**about, **pictures, "cores": len(os.sched_getaffinity(0)), "load_before": round(load, 2)}
+        yield {**about, **pictures, "cores": usable_cores(), "load_before": round(load, 2)}
 
     keys = ("run", "show", "width", "options")
     if cfg.picture:

@@ -5,7 +5,6 @@ worker was killed, and computes each key once, however many jobs ask for it. A f
 scheduler considers lost from making a run at the same time as the worker that replaces it.
 """
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from ablations.suite.method_runs import Runs
 from ablations.suite.plan import PlannedRun, RunSpec, plan_runs
 from gaussian_enhancer.configurations import configurations
 from gaussian_enhancer.console import print_line
+from gaussian_enhancer.cores import usable_cores
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import plain_values
 from gaussian_enhancer.runs.lock import wait_for_holders
@@ -58,7 +58,7 @@ def make_runs_ahead(cfg: DictConfig, experiments: Sequence[Experiment], console:
     cfg = cfg.copy()
     cfg.runtime.progress = False
     if not cfg.scheduler:
-        cfg.runtime.threads = max(1, len(os.sched_getaffinity(0)) // workers)
+        cfg.runtime.threads = max(1, usable_cores() // workers)
     with _client(cfg, workers) as client:
         futures = submit_runs(client, steps, plain_values(cfg))
         for count, future in enumerate(as_completed(list(futures.values())), 1):
@@ -109,7 +109,7 @@ def worker_count(cfg: DictConfig) -> int:
     """
     if cfg.workers is None:
         on_gpu = choose_device(cfg.runtime.device).type == "cuda"
-        return 1 if on_gpu else min(MAX_WORKERS, len(os.sched_getaffinity(0)))
+        return 1 if on_gpu else min(MAX_WORKERS, usable_cores())
     if not isinstance(cfg.workers, int) or cfg.workers < 1:
         raise InputError("workers", f"is {cfg.workers!r}", "give a positive number or null")
     return int(cfg.workers)

@@ -4,6 +4,11 @@ import os
 import subprocess
 import sys
 
+import pytest
+from omegaconf import OmegaConf
+
+from gaussian_enhancer.runs import runtime
+
 PROGRAM = """
 import numba, numpy as np
 from omegaconf import OmegaConf
@@ -52,3 +57,14 @@ def test_kernels_can_be_compiled_after_a_kernel_from_the_cache_has_run() -> None
     environment = {name: value for name, value in os.environ.items() if name != "NUMBA_NUM_THREADS"}
     process = subprocess.run([sys.executable, "-c", CACHED], env=environment, capture_output=True, text=True)
     assert process.stdout.split() == ["16.0", "1"], process.stderr
+
+
+def test_a_job_starts_where_the_system_restricts_no_process_to_some_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on macOS and Windows."""
+    threads: list[int] = []
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    monkeypatch.setattr(os, "cpu_count", lambda: 6)
+    monkeypatch.setattr(runtime.torch, "set_num_threads", threads.append)
+    monkeypatch.setattr(runtime, "set_kernel_threads", threads.append)
+    runtime.start(OmegaConf.create({"threads": None, "device": "cpu", "keep_memory": False}))
+    assert threads == [6, 6]

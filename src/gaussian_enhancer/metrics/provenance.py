@@ -1,12 +1,13 @@
 """Provenance of a measurement: code version and machine."""
 
 import functools
-import os
 import platform
 import subprocess
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
+
+from gaussian_enhancer.cores import usable_cores
 
 
 @functools.lru_cache(maxsize=1)
@@ -30,9 +31,8 @@ def this_machine() -> str:
     """Description of the machine: processor, usable cores, accelerator and torch version."""
     import torch
 
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     accelerator = torch.cuda.get_device_name() if torch.cuda.is_available() else "no GPU"
-    return f"{_processor()}, {cores} cores, {accelerator}, torch {torch.__version__}"
+    return f"{_processor()}, {usable_cores()} cores, {accelerator}, torch {torch.__version__}"
 
 
 def provenance(timed: bool = False) -> dict[str, str]:

@@ -7,6 +7,7 @@ import torch
 from omegaconf import DictConfig
 
 from gaussian_enhancer import memory
+from gaussian_enhancer.cores import usable_cores
 from gaussian_enhancer.errors import InputError
 
 
@@ -20,7 +21,7 @@ def start(runtime: DictConfig) -> torch.device:
     Raises:
         InputError: the device is unknown or absent, or the thread count is not positive.
     """
-    threads = len(os.sched_getaffinity(0)) if runtime.threads is None else runtime.threads
+    threads = usable_cores() if runtime.threads is None else runtime.threads
     if not isinstance(threads, int) or threads < 1:
         raise InputError("runtime.threads", f"is {threads!r}", "give a positive number or null")
     if runtime.keep_memory:

@@ -1,6 +1,5 @@
 """Launching of a job in several processes on one machine, by Lightning Fabric."""
 
-import os
 import pickle
 from collections.abc import Callable
 from typing import Any
@@ -9,6 +8,7 @@ import torch
 from lightning.fabric.utilities.rank_zero import rank_zero_only
 from omegaconf import DictConfig
 
+from gaussian_enhancer.cores import usable_cores
 from gaussian_enhancer.errors import InputError, LostProcessError
 
 
@@ -53,7 +53,7 @@ def launch(work: Callable[..., Any], cfg: DictConfig, accelerator: str, count: i
     from lightning.fabric import Fabric
 
     if cfg.runtime.threads is None:
-        cfg.runtime.threads = max(1, len(os.sched_getaffinity(0)) // count)
+        cfg.runtime.threads = max(1, usable_cores() // count)
     fabric: Any = Fabric(accelerator=accelerator, devices=count, strategy="ddp_spawn")
     try:
         return pickle.loads(fabric.launch(_run_pickled, pickle.dumps((work, cfg, arguments))))

@@ -82,7 +82,7 @@ def test_the_number_of_workers_is_positive(count, tmp_path, monkeypatch) -> None
 
 def test_there_is_a_worker_a_core_but_few_and_one_beside_a_gpu(monkeypatch) -> None:
     def count(cores: int, device: str) -> int:
-        monkeypatch.setattr(cluster.os, "sched_getaffinity", lambda _: set(range(cores)))
+        monkeypatch.setattr(cluster, "usable_cores", lambda: cores)
         monkeypatch.setattr(cluster, "choose_device", lambda _: OmegaConf.create({"type": device}))
         return worker_count(OmegaConf.create({"workers": None, "runtime": {"device": "auto"}}))
 
