@@ -115,3 +115,17 @@ def test_a_process_may_take_its_own_lock_again(tmp_path):
         with lock.exclusive(tmp_path):
             pass
         assert (tmp_path / lock.NAME).is_file()
+
+
+def test_a_lock_is_released_where_the_system_removes_no_open_file(tmp_path, monkeypatch):
+    """As on Windows."""
+
+    def refuse(path, missing_ok=False):
+        raise PermissionError(13, "is being used by another process", str(path))
+
+    with monkeypatch.context() as windows:
+        windows.setattr(Path, "unlink", refuse)
+        with lock.exclusive(tmp_path / "a"):
+            pass
+    assert lock.hold(tmp_path / "a")
+    lock.release(tmp_path / "a")

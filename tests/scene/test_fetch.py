@@ -1,9 +1,13 @@
 """Fetching from a server that cuts connections, ignores ranges, sends other files or none."""
 
 import hashlib
+import os
 import socket
+import subprocess
+import sys
 
 import numpy as np
+import psutil
 import pytest
 
 from gaussian_enhancer.errors import InputError
@@ -175,3 +179,29 @@ def test_two_processes_do_not_write_the_same_file(tmp_path):
         with pytest.raises(InputError, match="by another process"):
             fetch(archive(served.url), tmp_path / "file.zip", retry_settings=QUICK)
         assert served.asked == []
+
+
+def test_the_part_is_closed_before_it_is_moved_or_removed(tmp_path, monkeypatch):
+    """Windows refuses both for an open file."""
+
+    def closed(function):
+        def checked(path, *arguments, **options):
+            assert str(path) not in [file.path for file in psutil.Process().open_files()]
+            return function(path, *arguments, **options)
+
+        return checked
+
+    monkeypatch.setattr(module.os, "replace", closed(os.replace))
+    monkeypatch.setattr(module.Path, "unlink", closed(module.Path.unlink))
+    with serving(CONTENT) as served:
+        fetch(archive(served.url), tmp_path / "file.zip", retry_settings=QUICK)
+        with pytest.raises(InputError, match="is recorded"):
+            fetch(archive(served.url, sha256=sha256(b"another")), tmp_path / "other.zip", retry_settings=QUICK)
+    assert leftovers(tmp_path) == ["file.zip", "file.zip.sha256"]
+
+
+def test_it_is_imported_where_there_is_no_fcntl():
+    """As on Windows."""
+    program = "import sys; sys.modules['fcntl'] = None; import gaussian_enhancer.scene.fetch"
+    process = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert process.returncode == 0, process.stderr

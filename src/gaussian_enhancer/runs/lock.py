@@ -76,7 +76,9 @@ def release(path: Path) -> None:
     held_lock = _held.pop(_file(path), None)
     if held_lock is None:
         return
-    _file(path).unlink(missing_ok=True)  # before the release: a waiting process then creates a new file of that name
+    with suppress(PermissionError):  # on Windows, which removes no open file: there, the release removes it
+        # Before the release: a waiting process then creates a new file of that name.
+        _file(path).unlink(missing_ok=True)
     held_lock.lock.release()
     with suppress(OSError):
         for folder in held_lock.created:

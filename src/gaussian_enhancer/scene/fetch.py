@@ -4,15 +4,16 @@ A download is written to ``FILE.part``. A later attempt requests the missing byt
 the server stated an ETag). If the server ignores ``Range`` and sends the whole file, the download restarts.
 """
 
-import fcntl
 import http.client
 import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
+
+from filelock import FileLock, Timeout
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import to_write_error
@@ -82,6 +83,7 @@ def fetch(
             if not transfer.complete:
                 time.sleep(min(60.0, retry_settings.pause * 2**idle_attempts))
         temporary = Path(str(partial_file.name))
+        partial_file.close()  # Windows neither moves nor removes an open file
         try:
             digest = check_archive(archive, temporary, path, transfer.md5)
         except InputError:
@@ -94,15 +96,29 @@ def fetch(
 
 @contextmanager
 def _lock_part(part: Path) -> Iterator[FileIO]:
-    """Open the partial file under an exclusive lock; unbuffered, so that all counted bytes are written."""
+    """Open the partial file under an exclusive lock; unbuffered, so that all counted bytes are written.
+
+    The lock is held on ``FILE.part.lock``, since Windows would lock the bytes of the partial file itself.
+    """
+    lock = FileLock(f"{part}.lock")
     try:
         part.parent.mkdir(parents=True, exist_ok=True)
-        file = FileIO(part, "a")
+        lock.acquire(timeout=0)
+    except Timeout:
+        raise InputError(part, "is being fetched by another process", "wait until it ends, or stop it") from None
     except OSError as error:
         raise to_write_error(part, error) from error
-    with file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise InputError(part, "is being fetched by another process", "wait until it ends, or stop it") from None
-        yield file
+    try:
+        with _open_part(part) as file:
+            yield file
+    finally:
+        with suppress(OSError):  # before the release, so that nobody acquires a removed file; Windows removes it itself
+            os.unlink(lock.lock_file)
+        lock.release()
+
+
+def _open_part(part: Path) -> FileIO:
+    try:
+        return FileIO(part, "a")
+    except OSError as error:
+        raise to_write_error(part, error) from error

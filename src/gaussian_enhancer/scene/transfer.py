@@ -54,8 +54,7 @@ class Transfer:
         self.complete = expected is None or self.size >= expected
 
     def discard(self) -> None:
-        """Delete the partial file and its stored version."""
-        self._restart()
+        """Delete the partial file, which must be closed, and its stored version."""
         Path(str(self.partial_file.name)).unlink(missing_ok=True)
         self.version_file.unlink(missing_ok=True)
 
