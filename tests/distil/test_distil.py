@@ -171,6 +171,18 @@ def test_new_cameras_lie_between_and_around_the_training_cameras():
     assert all(torch.equal(a.world_to_camera, b.world_to_camera) for a, b in zip(aside, again, strict=True))
 
 
+def test_new_cameras_of_a_capture_far_from_the_origin_are_moved_aside_as_far():
+    moved = []
+    for offset in (torch.zeros(3), torch.tensor([500.0, 300.0, 100.0])):
+        cameras = [plane_camera(index, *SIZE) for index in range(30)]
+        for camera in cameras:
+            camera.world_to_camera[:3, 3] -= camera.rotation @ offset
+        path, aside = (new_cameras(cameras, 6, displacement) for displacement in (0.0, 0.5))
+        moved.append([float((a.centre - b.centre).norm()) for a, b in zip(path, aside, strict=True)])
+    assert moved[1] == pytest.approx(moved[0], abs=1e-3)
+    assert min(moved[1]) > 0.01
+
+
 def test_a_checkpoint_of_other_settings_is_refused(enhancer, tmp_path):
     distil(capture_of(), sheet(), enhancer, tmp_path, QUICK, progress=False, stop_after=2)
     with pytest.raises(InputError, match="other settings"):

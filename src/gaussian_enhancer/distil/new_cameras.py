@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import torch
 
+from gaussian_enhancer.scene.camera_geometry import camera_distances
 from gaussian_enhancer.scene.camera_path import PathSettings, capture_path
 from gaussian_enhancer.types import Camera
 
@@ -37,9 +38,7 @@ def new_cameras(
     """
     path_settings = PathSettings(frames=max(2, rounds * count), cameras=None)
     path = capture_path("interpolate", cameras, path_settings)[round_index::rounds][:count]
-    centres = torch.stack([camera.centre for camera in cameras])
-    distances = torch.cdist(centres, centres)
-    spacing = float(distances.fill_diagonal_(torch.inf).amin(1).mean())
+    spacing = float(camera_distances(cameras).fill_diagonal_(torch.inf).amin(1).mean())
     generator = torch.Generator().manual_seed((seed * 1_000_003 + round_index) % 2**63)
     offsets = max_displacement * spacing * (2 * torch.rand(len(path), 3, generator=generator) - 1)
     return tuple(_moved_camera(camera, offset) for camera, offset in zip(path, offsets, strict=True))

@@ -1,4 +1,4 @@
-"""Geometry that the cameras of a capture have in common: the point that they look at, and their upward direction.
+"""Geometry of the cameras of a capture: distances, the point that they look at, and their upward direction.
 
 Axes: c cameras.
 """
@@ -11,6 +11,23 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.types import Camera
+
+COINCIDENT = 1e-6
+"""Distance below which cameras are at one place, in units of their largest coordinate, stored in single precision."""
+
+
+def camera_distances(cameras: Sequence[Camera]) -> Float[Tensor, "c c"]:
+    """Distances between cameras (float64), in scene units; 0 between cameras at one place.
+
+    They are sums of squared differences. The matrix product that `torch.cdist` uses from 26 cameras on is wrong by as
+    much as cameras are apart where a capture is far from the origin, as in coordinates of a map.
+
+    Args:
+        cameras: cameras of a capture, at least one.
+    """
+    centres = torch.stack([camera.centre for camera in cameras]).cpu().double()
+    distances = torch.cdist(centres, centres, compute_mode="donot_use_mm_for_euclid_dist")
+    return torch.where(distances < COINCIDENT * centres.abs().max(), 0.0, distances)
 
 
 def focus_point(

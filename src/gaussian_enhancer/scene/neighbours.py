@@ -17,6 +17,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.camera_geometry import camera_distances
 from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.scene.scene import Photo
 from gaussian_enhancer.types import Camera
@@ -46,11 +47,8 @@ def camera_spacing(cameras: Sequence[Camera]) -> float:
     """Median distance from each camera to its nearest neighbour, without coincident cameras; 1 if all coincide."""
     if len(cameras) < 2:
         return 1.0
-    centres = torch.stack([camera.centre for camera in cameras]).double()
-    distances = torch.cdist(centres, centres, compute_mode="donot_use_mm_for_euclid_dist")
-    distances.fill_diagonal_(torch.inf)
-    nearest_distances = distances.min(dim=1).values
-    nonzero_distances = nearest_distances[nearest_distances > 1e-9 * centres.abs().max()]
+    nearest_distances = camera_distances(cameras).fill_diagonal_(torch.inf).min(dim=1).values
+    nonzero_distances = nearest_distances[nearest_distances > 0]
     return float(nonzero_distances.median()) if len(nonzero_distances) else 1.0
 
 

@@ -1,5 +1,6 @@
 """Plane sweep: the depth of a textured plane that cameras see from several places."""
 
+import dataclasses
 import math
 import os
 import subprocess
@@ -78,6 +79,18 @@ def test_cameras_at_one_place_are_refused():
     photo, camera = view_of_plane(0.0, 0.0, 0.0, 4.0)
     with pytest.raises(InputError, match="one place"):
         sweep_points(lambda i: photo, [camera, camera])
+
+
+def test_many_cameras_at_one_place_far_from_the_origin_are_refused():
+    """Turned cameras, whose places differ by the rounding of their poses."""
+    cameras = []
+    for turn in torch.linspace(0.0, 0.3, 30).tolist():
+        photo, camera = view_of_plane(0.0, turn, 0.0, 4.0)
+        pose = camera.world_to_camera.clone()
+        pose[:3, 3] = -pose[:3, :3] @ torch.tensor([5000.0, 3000.0, 100.0])
+        cameras.append(dataclasses.replace(camera, world_to_camera=pose))
+    with pytest.raises(InputError, match="one place"):
+        sweep_points([photo] * 30, cameras)
 
 
 SMOOTHED = """

@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from gaussian_enhancer.scene.camera_geometry import focus_point
+from gaussian_enhancer.scene.camera_geometry import camera_distances, focus_point
 from gaussian_enhancer.types import Camera
 
 TRIANGULATION = 0.15
@@ -41,10 +41,7 @@ def focus_distance(cameras: Sequence[Camera]) -> float:
         _, depths = focus
         if (depths > 0).double().mean() > 0.8:
             return float(depths[depths > 0].median())
-    centres = torch.stack([camera.centre for camera in cameras]).double()
-    distances = torch.cdist(centres, centres)
-    distances.fill_diagonal_(torch.inf)
-    nearest = distances.min(1).values
+    nearest = camera_distances(cameras).fill_diagonal_(torch.inf).min(1).values
     nearest = nearest[nearest.isfinite() & (nearest > 0)]
     return 5.0 * float(nearest.median()) if len(nearest) else 1.0
 
@@ -57,15 +54,17 @@ def seen_from(camera: Camera, positions: Float[Tensor, "p 3"]) -> tuple[Float[Te
     return points[:, 2], (pixels[:, 2] > 0) & (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
 
 
-def matching_cost(centres: Float[Tensor, "v 3"], axes: Float[Tensor, "v 3"], distance: float) -> Float[Tensor, "v v"]:
+def matching_cost(cameras: Sequence[Camera], distance: float) -> Float[Tensor, "v v"]:
     """Cost of matching two views: large far from the ideal triangulation angle, or if their axes differ much.
 
+    A view from the same place gives no information about depth: its cost is infinite.
+
     Args:
-        centres: camera positions.
-        axes: unit viewing directions.
+        cameras: cameras of the views.
         distance: typical distance to the scene.
     """
-    triangulation_angle = torch.cdist(centres, centres) / distance
+    axes = torch.stack([camera.forward for camera in cameras])
+    triangulation_angle = camera_distances(cameras).to(axes) / distance
     axis_angle = torch.arccos((axes @ axes.T).clamp(-1, 1))
     cost = (triangulation_angle / TRIANGULATION).log().abs() + 3.0 * (axis_angle - 0.5).clamp(min=0)
     return cost.fill_diagonal_(torch.inf)

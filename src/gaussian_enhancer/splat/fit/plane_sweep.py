@@ -180,14 +180,12 @@ def _views(
     """Reduced photos with their neighbours, which are chosen among the photos from index ``first_source`` on."""
     if len(cameras) < 2:
         raise InputError("plane sweep", f"has {len(cameras)} photo", "give at least two training photos")
-    centres = torch.stack([camera.centre for camera in cameras])
-    cost = matching_cost(centres, torch.stack([c.forward for c in cameras]), distance)
+    cost = matching_cost(cameras, distance)
     views = []
     for i, (photo, camera) in enumerate(zip(photos, cameras, strict=True)):
         factor = settings.reduction or max(1, round((camera.height * camera.width / 40_000) ** 0.5))
         height, width = (max(8, side // factor) for side in (camera.height, camera.width))
         image = functional.interpolate(photo[None], (height, width), mode="area")[0]
-        # A view from the same place gives no information about depth: its cost is infinite.
         ranked = [int(j) for j in cost[i].argsort() if j >= first_source and cost[i, j].isfinite()]
         channels_last = np.ascontiguousarray(image.permute(1, 2, 0).numpy())
         views.append(_View(channels_last, camera.resized(height, width), ranked[: settings.neighbours]))

@@ -110,5 +110,7 @@ def _join(first: Points, second: Points) -> Points:
 def _towards_cameras(positions: Float[Tensor, "p 3"], cameras: list[Camera]) -> Float[Tensor, "p 3"]:
     """Unit directions from points to their nearest cameras."""
     centres = torch.stack([camera.centre for camera in cameras])
-    nearest = centres[torch.cdist(positions, centres).argmin(1)]
+    # The default mode's matrix product is wrong far from the origin.
+    distances = torch.cdist(positions, centres, compute_mode="donot_use_mm_for_euclid_dist")
+    nearest = centres[distances.argmin(1)]
     return torch.nn.functional.normalize(nearest - positions, dim=1)
