@@ -31,7 +31,7 @@ def save_checkpoint(folder: Path, values: dict[str, Any]) -> None:
 
 
 def load_checkpoint(folder: Path, identity: str) -> dict[str, Any] | None:
-    """Load the folder's checkpoint, or return None if there is none.
+    """Load the folder's checkpoint onto the CPU, or return None if there is none.
 
     Args:
         folder: the run's folder.
@@ -45,7 +45,7 @@ def load_checkpoint(folder: Path, identity: str) -> dict[str, Any] | None:
     path = folder / NAME
     refuse_larger_archive(path)
     try:
-        values: dict[str, Any] = torch.load(path, weights_only=True)
+        values: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
     except (RuntimeError, pickle.UnpicklingError, EOFError) as error:
         raise InputError(path, f"cannot be read ({type(error).__name__})", "delete it to start again") from error
     if values["identity"] != identity:
