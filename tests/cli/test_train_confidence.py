@@ -75,6 +75,15 @@ def test_folds_judge_each_fit_by_weights_that_did_not_learn_from_it(plane_run, t
     assert card["folds"] == [checkpoint_digest(tmp_path / "b.safetensors")]
 
 
+@pytest.mark.parametrize("name", ["fox-3dgs-1a2b3c4d", "object_2000-3dgs-1a2b3c4d"])
+def test_scenes_that_nothing_is_trained_on_are_refused_in_fits_and_in_folds(tmp_path, name):
+    fold = f"folds=[{{weights: lr_tiny, fits: [{tmp_path / name}]}}]"
+    for cfg in (job(tmp_path / name, "lr_tiny", tmp_path), job("", "lr_tiny", tmp_path, "fits=[]", fold)):
+        with pytest.raises(InputError, match=r"trained on|used for training"):
+            run(cfg)
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_fold_of_another_design_is_refused(plane_run, tmp_path):
     save_weights(tmp_path / "a.safetensors", trained(), ReferenceConfig(), {"name": "a"})
     with pytest.raises(InputError, match="of another design"):

@@ -38,7 +38,7 @@ def run(cfg: DictConfig) -> None:
     Raises:
         InputError: weights or fits cannot be used, training on a scene is not allowed, or a file cannot be written.
     """
-    refuse_untrained(cfg.fits)
+    refuse_untrained([*cfg.fits, *(fit for fold in cfg.folds for fit in fold.fits)])
     job = open_run(cfg, "train_confidence", Path(cfg.weights).stem)
     device = start(cfg.runtime)
     console = Console(stderr=True)

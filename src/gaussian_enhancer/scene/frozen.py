@@ -17,10 +17,10 @@ PROCEDURAL = re.compile(r"(unbounded|outdoor|indoor|object|harbour)_(\d+)-")
 
 
 def is_frozen(run: str | Path) -> bool:
-    """Whether the name of a fitted run's folder, or a pattern of such names, is that of a test scene.
+    """Whether the name of a fitted run's folder is that of a test scene.
 
     Args:
-        run: for instance "runs/fit/fox-3dgs-1a2b3c4d" or "runs/fit/object_5000-*".
+        run: for instance "runs/fit/fox-3dgs-1a2b3c4d".
     """
     is_frozen_capture = Path(run).name.startswith(tuple(f"{capture}-" for capture in FROZEN_CAPTURES))
     return is_frozen_capture or _is_procedural(run, FROZEN_FROM)
