@@ -4,6 +4,12 @@ import os
 import subprocess
 import sys
 
+import pytest
+from numba.core import caching
+
+from gaussian_enhancer.compiled import exact_inner, exact_kernel, inner, kernel
+from gaussian_enhancer.errors import InputError
+
 PROGRAM = """
 import numpy as np
 from gaussian_enhancer.scene.image_kernels import quantise
@@ -22,3 +28,11 @@ def test_compilation_is_announced_once_and_kernels_from_the_cache_are_silent(tmp
 
     assert printed() == ["compiling kernels for this processor, which takes minutes once after installation"]
     assert printed() == []
+
+
+@pytest.mark.parametrize("decorate", [kernel, inner, exact_kernel, exact_inner])
+def test_a_machine_where_no_folder_can_be_written_is_told_what_to_do(monkeypatch, decorate) -> None:
+    """As for a user without a home, of a package that another user installed."""
+    monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])
+    with pytest.raises(InputError, match="compiled kernels: have no folder to be kept in; set NUMBA_CACHE_DIR"):
+        decorate(lambda values: None)

@@ -19,6 +19,8 @@ import numpy as np
 from numba import njit
 from numba.core.event import Event, Listener, register
 
+from gaussian_enhancer.errors import InputError
+
 _OPTIONS: dict[str, Any] = {
     "fastmath": {"contract", "reassoc", "nsz", "arcp", "afn"},
     "error_model": "numpy",  # the check for division by zero would add an exit to the loop
@@ -47,15 +49,14 @@ kernel_lock = threading.RLock()
 """Held during every parallel kernel: Numba's fallback threading layer (workqueue) must not be entered concurrently."""
 
 
-# The shape checks of the tests wrap functions, and Numba cannot cache a wrapped function: hence `inspect.unwrap`.
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function that loops in parallel with ``prange``."""
-    return njit(parallel=True, **_OPTIONS)(inspect.unwrap(function))
+    return _compile(function, parallel=True, **_OPTIONS)
 
 
 def inner(function: Callable[..., Any]) -> Any:
     """Compile a function that kernels call."""
-    return njit(**_OPTIONS)(inspect.unwrap(function))
+    return _compile(function, **_OPTIONS)
 
 
 def exact_kernel(function: Callable[..., Any]) -> Any:
@@ -64,12 +65,28 @@ def exact_kernel(function: Callable[..., Any]) -> Any:
     Under ``fastmath``, freshly compiled code and code from the cache order and contract sums differently. Where a
     comparison depends on the result, a difference in the last bit can change its outcome.
     """
-    return njit(parallel=True, **(_OPTIONS | {"fastmath": False}))(inspect.unwrap(function))
+    return _compile(function, parallel=True, **(_OPTIONS | {"fastmath": False}))
 
 
 def exact_inner(function: Callable[..., Any]) -> Any:
     """Compile a function that exact kernels call, without ``fastmath``."""
-    return njit(**(_OPTIONS | {"fastmath": False}))(inspect.unwrap(function))
+    return _compile(function, **(_OPTIONS | {"fastmath": False}))
+
+
+def _compile(function: Callable[..., Any], **options: Any) -> Any:
+    """Compile a function.
+
+    Raises:
+        InputError: neither the package's folder nor the user's cache folder can be written.
+    """
+    try:
+        # The shape checks of the tests wrap functions, and Numba cannot cache a wrapped function.
+        return njit(**options)(inspect.unwrap(function))
+    except RuntimeError as error:
+        if "no locator available" not in str(error):
+            raise
+        remedy = "set NUMBA_CACHE_DIR to a writable folder"
+        raise InputError("compiled kernels", "have no folder to be kept in", remedy) from error
 
 
 _F = np.float32
