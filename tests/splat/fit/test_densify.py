@@ -123,3 +123,12 @@ def test_wrong_window_is_refused():
         Densification(every=-1)
     with pytest.raises(InputError, match=r"densification\.pull"):
         Densification(pull=float("inf"))
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"pull": -1e-4}, {"small": -0.1}, {"opacity": -0.1}, {"opacity": 2.0}, {"world_size": 0.0}, {"growth": -1.0}],
+)
+def test_settings_out_of_range_are_refused(settings):
+    with pytest.raises(InputError, match=rf"densification\.{next(iter(settings))}: is "):
+        Densification(**settings)

@@ -93,6 +93,33 @@ def test_many_cameras_at_one_place_far_from_the_origin_are_refused():
         sweep_points([photo] * 30, cameras)
 
 
+OUT_OF_RANGE = {
+    "views": (1, -1),
+    "planes": (1, 0),
+    "neighbours": (0,),
+    "reduction": (-2,),
+    "radius": (-1,),
+    "smoothness": (-0.5,),
+    "agreement": (-0.5,),
+    "confirmations": (-1,),
+}
+
+
+@pytest.mark.parametrize(("name", "value"), [(name, value) for name in OUT_OF_RANGE for value in OUT_OF_RANGE[name]])
+def test_settings_out_of_range_are_refused(name, value):
+    with pytest.raises(InputError, match=rf"sweep\.{name}: is {value}; give a number of at least"):
+        SweepSettings(**{name: value})
+
+
+def test_the_smallest_settings_are_swept():
+    views = [view_of_plane(x, -x / 4, 0.0, 4.0) for x in (-0.6, -0.2, 0.2, 0.6)]
+    smallest = SweepSettings(
+        planes=2, neighbours=1, reduction=1, radius=0, smoothness=0.0, agreement=0.0, confirmations=0, views=2
+    )
+    positions = sweep_points([p for p, _ in views], [c for _, c in views], smallest).points.positions
+    assert positions.isfinite().all()
+
+
 SMOOTHED = """
 import hashlib
 import numpy as np

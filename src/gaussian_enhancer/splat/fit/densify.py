@@ -9,9 +9,11 @@ et al., Revising Densification, ECCV 2024, equation 9), so that the render does 
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 from jaxtyping import Bool, Float
+from pydantic import Field
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
@@ -64,15 +66,18 @@ class Densification(Schedule):
         opacity: Gaussians below this opacity are removed.
         world_size: Gaussians with a larger scale are removed, in camera extents.
         growth: largest share by which one change may increase the number of Gaussians.
+
+    Raises:
+        InputError: a number is out of range.
     """
 
     start: float = 0.05
     stop: float = 0.6
-    pull: float = 4e-4
-    small: float = 0.01
-    opacity: float = 0.01
-    world_size: float = 1.0
-    growth: float = 0.2
+    pull: Annotated[float, Field(ge=0)] = 4e-4
+    small: Annotated[float, Field(ge=0)] = 0.01
+    opacity: Annotated[float, Field(ge=0, lt=1)] = 0.01
+    world_size: Annotated[float, Field(gt=0)] = 1.0
+    growth: Annotated[float, Field(ge=0)] = 0.2
 
 
 class ScreenGradientMean:

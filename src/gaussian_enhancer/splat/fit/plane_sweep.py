@@ -9,10 +9,12 @@ Hirschmueller, TPAMI 2008.
 import dataclasses
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import torch
 from jaxtyping import Float
+from pydantic import Field
 from torch import Tensor
 from torch.nn import functional
 
@@ -37,16 +39,19 @@ class SweepSettings:
             less than one plane confirms it in any case.
         confirmations: number of neighbours that must confirm a depth.
         views: largest number of photos that are swept; of more photos an evenly spaced subset is used.
+
+    Raises:
+        InputError: a number is out of range.
     """
 
-    planes: int = 96
-    neighbours: int = 3
-    reduction: int = 0
-    radius: int = 2
-    smoothness: float = 0.03
-    agreement: float = 0.02
-    confirmations: int = 1
-    views: int = 60
+    planes: Annotated[int, Field(ge=2)] = 96
+    neighbours: Annotated[int, Field(ge=1)] = 3
+    reduction: Annotated[int, Field(ge=0)] = 0
+    radius: Annotated[int, Field(ge=0)] = 2
+    smoothness: Annotated[float, Field(ge=0)] = 0.03
+    agreement: Annotated[float, Field(ge=0)] = 0.02
+    confirmations: Annotated[int, Field(ge=0)] = 1
+    views: Annotated[int, Field(ge=2)] = 60
 
     def __post_init__(self) -> None:
         check_fields(self, "sweep.")
