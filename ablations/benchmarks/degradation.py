@@ -24,6 +24,7 @@ from omegaconf import DictConfig
 
 from ablations.benchmarks.real_esrgan import SecondOrder
 from ablations.study.engine import Study, job
+from ablations.study.processor import refuse_gpu
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.runs.instantiate import build
@@ -134,6 +135,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
     Raises:
         InputError: a method that was asked for is unknown or cannot be built.
     """
+    refuse_gpu(device)
     rows, left_out = rows_of(cfg.methods, cfg.overrides)
     for method, reason in left_out.items():
         print(f"left out: {method}: {reason}", file=sys.stderr)

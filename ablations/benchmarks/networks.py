@@ -19,6 +19,7 @@ from torch._subclasses.fake_tensor import DataDependentOutputException, FakeTens
 from torch.utils.flop_counter import FlopCounterMode
 
 from ablations.study.engine import Study, job
+from ablations.study.processor import refuse_gpu
 from gaussian_enhancer.configurations import configurations
 from gaussian_enhancer.infer.weights import NETWORKS, count_parameters, design_of
 from gaussian_enhancer.metrics.cost import time_interleaved
@@ -172,6 +173,7 @@ def named(frame: pd.DataFrame) -> pd.DataFrame:
 
 def study(cfg: DictConfig, device: torch.device) -> Study[DictConfig]:
     """All networks, timed in turn."""
+    refuse_gpu(device)
     return Study([cfg], measured, ("fusion", "alignment", "size", "references"), derived=named)
 
 

@@ -11,6 +11,7 @@ from omegaconf import DictConfig
 
 from ablations.study.cost import times_faster
 from ablations.study.engine import Study, job
+from ablations.study.processor import refuse_gpu
 from gaussian_enhancer.loss.terms import dssim
 from gaussian_enhancer.metrics.cost import time_interleaved
 from gaussian_enhancer.splat.fit.similarity import photometric_loss, prepare
@@ -48,6 +49,7 @@ def measured(cfg: DictConfig) -> list[dict[str, Any]]:
 
 def study(cfg: DictConfig, device: torch.device) -> Study[DictConfig]:
     """Both losses in turn."""
+    refuse_gpu(device)
     return Study([cfg], measured, ("size",))
 
 

@@ -17,6 +17,7 @@ import torch
 from omegaconf import DictConfig
 
 from ablations.study.engine import Study, job
+from ablations.study.processor import refuse_gpu
 from gaussian_enhancer.splat.fit.optimise import LearningRates, SplatOptimiser
 from gaussian_enhancer.splat.fit.similarity import PreparedPhoto, photometric_loss, prepare
 from gaussian_enhancer.splat.methods import METHODS, Method, TwoDGS
@@ -121,6 +122,7 @@ def measured(cfg: DictConfig) -> list[dict[str, Any]]:
 
 def study(cfg: DictConfig, device: torch.device) -> Study[DictConfig]:
     """All sizes, counts and methods in turn."""
+    refuse_gpu(device)
     return Study([cfg], measured, ("method", "image", "gaussians"), option="methods")
 
 

@@ -19,6 +19,7 @@ from ablations.ibgs.training import (
     training_views,
 )
 from ablations.study.fits import finished_fits, scene_of
+from ablations.study.processor import refuse_gpu
 from gaussian_enhancer.checkpoint import WEIGHTS
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError
@@ -39,7 +40,7 @@ def run(cfg: DictConfig) -> None:
     Raises:
         InputError: the fit is not finished or lacks what is needed, or a file cannot be written.
     """
-    start(cfg.runtime)
+    refuse_gpu(start(cfg.runtime))
     fit = _only(finished_fits([cfg.fit]), cfg.fit)
     cfg.step = run_steps(fit)[-1] if cfg.step is None else cfg.step
     settings, choice = build(cfg.settings), build(cfg.choice)

@@ -17,6 +17,7 @@ from ablations.stability.order import order_records
 from ablations.stability.sampler import SCHEDULES
 from ablations.stability.watched import matrix_records
 from ablations.study.engine import Study, job
+from ablations.study.processor import refuse_gpu
 from ablations.study.sections import relative_link
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError
@@ -30,6 +31,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
     Raises:
         InputError: the configuration names an unknown case or family.
     """
+    refuse_gpu(device)
     names = None if cfg.cases is None else list(cfg.cases)
     cases = catalogue(None if cfg.families is None else list(cfg.families), names)
     families = {case.family: [member for member in cases if member.family == case.family] for case in cases}

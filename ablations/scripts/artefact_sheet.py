@@ -19,6 +19,7 @@ from ablations.realism.real_crops import KINDS, Crop, crops, cut, energies_of, w
 from ablations.realism.realism import RealRender, photographed, real_renders
 from ablations.study.engine import Study, job
 from ablations.study.fits import finished_fits, scene_of
+from ablations.study.processor import refuse_gpu
 from gaussian_enhancer.degrade.artefact_types import ARTEFACTS, TYPES
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.gates.fingerprint import ENERGIES
@@ -128,6 +129,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
     Raises:
         InputError: runs cannot be used or are of scenes that nothing may be trained on, or a file cannot be written.
     """
+    refuse_gpu(device)
     fits = finished_fits(cfg.runs)
     refuse_untrained(fits)
     reals = real_renders(fits, cfg.renders, 0)

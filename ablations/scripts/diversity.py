@@ -18,6 +18,7 @@ from ablations.realism.realism import RealRender, Row, simulated_pairs
 from ablations.scripts.realism import chosen, print_row
 from ablations.scripts.simulators import rows
 from ablations.study.engine import Study, job
+from ablations.study.processor import refuse_gpu
 from gaussian_enhancer.errors import InputError
 
 
@@ -70,6 +71,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
     Raises:
         InputError: a row is unknown, or runs cannot be used.
     """
+    refuse_gpu(device)
     makers, reals = rows(cfg.rows, cfg.generator_weights), chosen(cfg.runs, None, cfg.seed)
 
     def measure(name: str) -> list[dict]:

@@ -19,6 +19,7 @@ from torch import Tensor
 
 from ablations.study.engine import Study, job
 from ablations.study.fits import finished_fits
+from ablations.study.processor import refuse_gpu
 from gaussian_enhancer.degrade.gates.adaptive import calibrate_gate
 from gaussian_enhancer.degrade.gates.fingerprint import ENERGIES, Fingerprint, measure_fingerprint
 from gaussian_enhancer.errors import InputError
@@ -103,6 +104,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
     Raises:
         InputError: runs cannot be used.
     """
+    refuse_gpu(device)
 
     def measure(fit: Path) -> list[dict[str, object]]:
         if cfg.gates:

@@ -28,6 +28,7 @@ from ablations.realism.two_sample import two_sample_test
 from ablations.scripts.simulators import rows
 from ablations.study.engine import Study, job
 from ablations.study.fits import finished_runs
+from ablations.study.processor import refuse_gpu
 from gaussian_enhancer.errors import InputError
 
 
@@ -78,6 +79,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
     Raises:
         InputError: a row is unknown, or runs cannot be used or share a scene.
     """
+    refuse_gpu(device)
     makers = rows(cfg.rows, cfg.generator_weights, cfg.steps)
     train, test = (chosen(side, cfg.renders, cfg.seed) for side in (cfg.train, cfg.test))
     shared = {render.scene for render in train} & {render.scene for render in test}

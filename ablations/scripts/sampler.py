@@ -17,6 +17,7 @@ from torch import Tensor
 from ablations.realism.realism import real_renders
 from ablations.study.engine import Study, job
 from ablations.study.fits import finished_fits
+from ablations.study.processor import refuse_gpu
 from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.gates.adaptive import calibrate_gate
@@ -74,6 +75,7 @@ def _crop(read: Callable[[], Tensor]) -> Tensor:
 
 def study(cfg: DictConfig, device: torch.device) -> Study[DictConfig]:
     """All samplers on the same crops."""
+    refuse_gpu(device)
     return Study([cfg], measured, ("sampler",))
 
 
