@@ -90,7 +90,7 @@ def test_many_cameras_at_one_place_far_from_the_origin_are_refused():
         pose[:3, 3] = -pose[:3, :3] @ torch.tensor([5000.0, 3000.0, 100.0])
         cameras.append(dataclasses.replace(camera, world_to_camera=pose))
     with pytest.raises(InputError, match="one place"):
-        sweep_points([photo] * 30, cameras)
+        sweep_points(lambda i: photo, cameras)
 
 
 OUT_OF_RANGE = {
@@ -116,7 +116,7 @@ def test_the_smallest_settings_are_swept():
     smallest = SweepSettings(
         planes=2, neighbours=1, reduction=1, radius=0, smoothness=0.0, agreement=0.0, confirmations=0, views=2
     )
-    positions = sweep_points([p for p, _ in views], [c for _, c in views], smallest).points.positions
+    positions = sweep_points(lambda i: views[i][0], [c for _, c in views], smallest).points.positions
     assert positions.isfinite().all()
 
 
