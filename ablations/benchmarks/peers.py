@@ -99,8 +99,8 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
     Raises:
         InputError: some networks alone would be measured, and replace the committed records of all.
     """
-    if not cfg.records_only:
-        refuse_narrowed("peers", cfg, "networks", "records", "records=FILE page=PAGE")
+    for narrowing in () if cfg.records_only else ("networks", "dtypes"):
+        refuse_narrowed("peers", cfg, narrowing, "records", "records=FILE page=PAGE")
     console = Console(stderr=True)
 
     def measure(_: str) -> Iterator[Record]:

@@ -33,6 +33,8 @@ from gaussian_enhancer.runs.time_budget import BUDGET_KEYS
 
 CONSOLE = Console(stderr=True)
 KINDS = ("quality", "training", "numerics")
+NARROWING = {"quality": "studies", "training": "training.pattern", "numerics": "numerics.cases"}
+"""The option that names what is measured, by kind."""
 OFFERING, CHOOSING = "lr", "validation/"
 """The study that `enhance budget_ms=` chooses from, and the scenes on which choices may be based."""
 
@@ -57,7 +59,7 @@ def studies(cfg: DictConfig, device: torch.device) -> list[Study[str]]:
     compared = read_studies(cfg)
     measure_kind = partial(measure, cfg, compared, device)
     kinds = () if cfg.records_only else KINDS if cfg.kind == "all" else (cfg.kind,)
-    for kind, narrowing in (("quality", "studies"), ("numerics", "numerics.cases")):
+    for kind, narrowing in NARROWING.items():
         if kind in kinds:
             refuse_narrowed("tradeoff", cfg, narrowing, "results", "results=FOLDER markdown=PAGE")
     folder = output_path(cfg)

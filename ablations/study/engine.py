@@ -85,15 +85,17 @@ def refuse_narrowed(name: str, cfg: DictConfig, narrowing: str, place: str, reme
     Args:
         name: of the job; its file states where the records are by default.
         cfg: the job's configuration, composed.
-        narrowing: option that names what is measured; null for all.
+        narrowing: option that names what is measured; its default is all.
         place: option that names the place of the records.
         remedy: options that write elsewhere.
 
     Raises:
         InputError: the option names a part, and the records are at their default place.
     """
-    default = OmegaConf.select(OmegaConf.load(configurations() / f"{name}.yaml"), place)
-    if OmegaConf.select(cfg, narrowing) is not None and Path(cfg[place]) == Path(default):
+    defaults = OmegaConf.load(configurations() / f"{name}.yaml")
+    default = OmegaConf.select(defaults, place)
+    is_narrowed = OmegaConf.select(cfg, narrowing) != OmegaConf.select(defaults, narrowing)
+    if is_narrowed and Path(cfg[place]).resolve() == Path(default).resolve():
         raise InputError(narrowing, f"names a part, but all records in {default} would be replaced", f"add {remedy}")
 
 

@@ -420,9 +420,8 @@ def test_options_are_refused_before_anything_is_computed(
     assert f"gaussian-enhancer: {name}: " in refused(*FORMS[form], word, f"distil={distil}")
 
 
-@pytest.mark.parametrize("job", ["video", "view", "distil"])
-def test_a_capture_beside_a_run_is_refused(workplace: None, refused: Refused, job: str) -> None:
-    line = refused(job, "run=fitted", "scene=transforms", "scene.path=capture")
+def test_distil_refuses_a_capture_beside_a_run(workplace: None, refused: Refused) -> None:
+    line = refused("distil", "run=fitted", "scene=transforms", "scene.path=nowhere")
     assert "scene: was given beside run; leave scene out" in line
 
 

@@ -80,16 +80,18 @@ def test_a_run_that_is_enhanced_again_and_stopped_is_not_done(plane_run, weights
 
 
 def test_views_that_the_input_no_longer_holds_leave_the_run(plane_run, weights, tmp_path):
-    side = plane_run / "test/ours_100"
-    shutil.copytree(side / "renders", tmp_path / "renders")
-    words = [f"renders={tmp_path / 'renders'}", f"photos={side / 'gt'}", "max_references=0", f"weights={weights}"]
+    side, both, last = plane_run / "test/ours_100", ["view_000.png", "view_004.png"], ["view_004.png"]
+    for part in ("renders", "gt"):
+        shutil.copytree(side / part, tmp_path / part)
+    words = [f"renders={tmp_path / 'renders'}", f"photos={tmp_path / 'gt'}", "max_references=0", f"weights={weights}"]
     words += [f"references={plane_run / 'train/ours_100/gt'}", f"runs={tmp_path}"]
-    for names in (["view_000.png", "view_004.png"], ["view_004.png"]):
+    for removed, renders, photos in ((None, both, both), ("gt", both, last), ("renders", last, last)):
+        if removed:
+            (tmp_path / removed / "view_000.png").unlink()
         run(configured(*words))
         (folder,) = (tmp_path / "enhance").iterdir()
-        for part in ("renders", "enhanced", "gt"):
+        for part, names in (("renders", renders), ("enhanced", renders), ("gt", photos)):
             assert sorted(path.name for path in folder.glob(f"test/*/{part}/*")) == names
-        (tmp_path / "renders/view_000.png").unlink(missing_ok=True)
 
 
 def test_a_weights_file_with_new_content_leads_to_another_run(weights, tmp_path):

@@ -131,6 +131,10 @@ def test_the_home_folder_is_found_in_overrides(toy_job, monkeypatch, tmp_path):
     monkeypatch.setenv("HOME", str(tmp_path))
     cli.main(["toy", "path=~/photos"])
     assert toy_job[0]["path"] == f"{tmp_path}/photos"
+    cli.main(["toy", "-m", "path=~/a,~/b"])
+    assert [cfg["path"] for cfg in toy_job[1:]] == [f"{tmp_path}/a", f"{tmp_path}/b"]
+    assert cli.expand_home("paths=[~/a,b~/c]") == f"paths=[{tmp_path}/a,b~/c]"
+    assert cli.expand_home("~path") == "~path"
 
 
 def test_the_other_runs_of_a_sweep_are_made_where_one_is_refused(toy_job, capsys):

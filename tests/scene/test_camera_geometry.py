@@ -27,6 +27,16 @@ def test_distances_do_not_depend_on_the_number_of_cameras_and_the_origin(count, 
     torch.testing.assert_close(camera_distances(cameras), (positions - positions[:, None]).abs(), atol=5e-3, rtol=0)
 
 
+def test_cameras_in_coordinates_of_a_map_are_apart() -> None:
+    cameras = [camera_at(500_000.0 + 2 * i, 4_500_000.0, 100.0) for i in range(6)]
+    assert camera_spacing(cameras) == 2.0
+
+
+def test_a_stray_camera_far_away_does_not_merge_the_others() -> None:
+    cameras = [camera_at(0.05 * i, 0.0, 0.0) for i in range(10)]
+    assert camera_spacing([*cameras, camera_at(1e5, 0.0, 0.0)]) == pytest.approx(0.05)
+
+
 @pytest.mark.parametrize("offset", [(0.0, 0.0, 0.0), (1.0, 2.0, 3.0), (5000.0, 3000.0, 100.0)])
 def test_cameras_at_one_place_have_no_distance(offset) -> None:
     cameras = [camera_at(*offset, turn=0.05 * i) for i in range(30)]

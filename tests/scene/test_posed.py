@@ -73,3 +73,11 @@ def test_sizes_that_3dgs_shrinks_photos_to_fit_in_both_directions(calibrated, si
     narrower = size[0], size[1] - 5
     assert not evenly_resized(narrower, calibrated)
     assert not evenly_resized(calibrated, narrower)
+
+
+@pytest.mark.parametrize(
+    ("size", "calibrated"), [((1000, 998), (1000, 1000)), ((1500, 1998), (1500, 2000)), ((48, 66), (48, 64))]
+)
+def test_a_crop_of_two_pixels_is_no_resizing(size, calibrated):
+    assert not evenly_resized(size, calibrated)
+    assert not evenly_resized(calibrated, size)

@@ -300,6 +300,7 @@ def test_the_pair_of_folders_of_a_run_takes_cameras_that_are_given(tmp_path, sce
         entry.update(width=2 * WIDTH, height=2 * HEIGHT, fx=777.0, position=[1.0, 2.0, 3.0])
     (tmp_path / "mine.json").write_text(json.dumps(entries))
     found = read_folder(pair / "renders", pair / "gt", cameras=tmp_path / "mine.json")
+    assert not found.own_depth  # it may lie in another world than the cameras
     for view in (*found.targets, *found.references):
         assert view.camera.K[0, 0] == 777.0 / 2
         assert view.camera.centre.tolist() == pytest.approx([1.0, 2.0, 3.0])
@@ -316,9 +317,11 @@ def test_the_pair_of_folders_of_an_own_run_vouches_for_the_runs_own_depth_alone(
     pair, copy = tmp_path / "run/test/ours_1000", tmp_path / "copy"
     shutil.copytree(pair / "depth", copy)
     given = [{}, {"depth": pair / "depth"}, {"depth": pair / "depth", "depth_scale": 2.0}, {"depth": copy}]
+    given.append({"cameras": tmp_path / "run/cameras.json"})
     assert [read_folder(pair / "renders", pair / "gt", **options).own_depth for options in given] == [
         True,
         True,
+        False,
         False,
         False,
     ]

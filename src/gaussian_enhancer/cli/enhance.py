@@ -25,7 +25,7 @@ from gaussian_enhancer.runs.enhancement import (
 )
 from gaussian_enhancer.runs.inputs import Task
 from gaussian_enhancer.runs.instantiate import build
-from gaussian_enhancer.runs.output import cost_records, remove_other_views, write_enhanced, write_sources
+from gaussian_enhancer.runs.output import cost_records, remove_other_files, write_enhanced, write_sources
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.runs.time_budget import apply_budget
@@ -102,8 +102,8 @@ def _write_run(
     job = open_run(naming_configuration(cfg), "enhance", task.rendered.name, reused=False)
     step_folder = job.folder / "test" / f"ours_{task.step}"
     enhanced_views = write_enhanced_to(step_folder / "enhanced")
-    write_sources(task.rendered, step_folder, scale)
-    remove_other_views(step_folder, {view.name for view in task.rendered.targets})
+    sources = write_sources(task.rendered, step_folder, scale)
+    remove_other_files(step_folder, [*sources, *(step_folder / "enhanced" / view.name for view in enhanced_views)])
     write_records(job.folder / "records.jsonl", cost_records(enhanced_views, job.folder.name, task))
     view_plans = tuple(view.plan for view in enhanced_views if view.plan is not None)
     replace(plan, views=view_plans or plan.views).to_file(job.folder / "plan.json")  # several processes return no plans
@@ -125,7 +125,7 @@ def _with_distilled_splat(cfg: DictConfig) -> DictConfig:
         if is_set:
             raise InputError(name, "comes with distil=true, which makes another splat", f"leave out {name} or distil")
     shared = {name: cfg[name] for name in ("run", "gaussians", "invalid", "method")}
-    scene = {"scene": cfg.scene} if "scene" in cfg else {}
+    scene = {"scene": cfg.scene} if cfg.run is None and "scene" in cfg else {}  # beside a run: its finer photos
     folder = distil_run(compose_job("distil", cfg, **shared, **scene)).folder
     distilled_cfg = cfg.copy()
     if cfg.run is not None:

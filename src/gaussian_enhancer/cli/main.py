@@ -10,6 +10,7 @@ import errno
 import importlib
 import io
 import os
+import re
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import BrokenExecutor
@@ -240,9 +241,13 @@ def launch(job: str, arguments: Sequence[str]) -> None:
 
 
 def expand_home(word: str) -> str:
-    """Replace a leading ``~/`` of an override's value by the home folder: shells expand it in few such words."""
+    """Replace ``~/`` at the start of an override's value, or of each of several, by the home folder.
+
+    Shells expand it in few such words. It stays where the user has no home folder.
+    """
     key, sign, value = word.partition("=")
-    return f"{key}={Path(value).expanduser()}" if sign and value.startswith("~/") else word
+    home = os.path.expanduser("~")  # "~" again without a home folder
+    return key + sign + re.sub(r"(^|(?<=[,\[]))~/", lambda _: f"{home}/", value)
 
 
 def job_function(job: str) -> Callable[[Any], Any]:

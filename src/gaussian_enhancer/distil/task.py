@@ -72,6 +72,8 @@ def read_distil_task(cfg: DictConfig, device: torch.device) -> DistilTask:
     """
     settings: DistilSettings = build(cfg.settings)
     prune_settings: PruneSettings = build(cfg.evidence)
+    if cfg.run is not None and cfg.get("scene"):
+        refuse_without_effect(["scene"], "run")
     capture = build(cfg.scene) if cfg.get("scene") else None
     splat, capture = find_splat_and_capture(cfg.run, cfg.gaussians, capture)
     return distil_task(

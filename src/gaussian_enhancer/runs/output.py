@@ -4,7 +4,7 @@ Axes: h height, w width.
 """
 
 import shutil
-from collections.abc import Callable, Container, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -78,7 +78,7 @@ def write_enhanced_view(enhanced: EnhancedView, folder: Path, view: RenderedView
         write_image(folder / enhanced.name, resize_to_photo(enhanced.image, view, scale))
 
 
-def write_sources(rendered: RenderedSet, folder: Path, scale: int) -> None:
+def write_sources(rendered: RenderedSet, folder: Path, scale: int) -> list[Path]:
     """Write renders and photos at the size of the enhanced images into the folders ``renders`` and ``gt``.
 
     Args:
@@ -86,38 +86,43 @@ def write_sources(rendered: RenderedSet, folder: Path, scale: int) -> None:
         folder: parent of the two folders, which also holds the folder of the enhanced images.
         scale: upscaling factor of the network; above 1, renders are enlarged bicubically.
 
+    Returns:
+        The files.
+
     Raises:
         InputError: a file cannot be read or written.
     """
+    files = []
     for view in rendered.targets:
-        if scale == 1:
-            for subfolder, read in (("renders", view.read), ("gt", view.read_photo)):
-                if read is not None:
-                    _copy_or_write(read, folder / subfolder / view.name)
-            continue
-        if view.read is not None:
-            enlarged = upsample_bicubic(view.read()[None], scale)[0]
-            write_image(folder / "renders" / view.name, resize_to_photo(enlarged, view, scale))
-        if view.read_fine_photo is not None:
-            write_image(folder / "gt" / view.name, read_original_size(view))
+        read_photo = view.read_photo if scale == 1 else view.read_fine_photo
+        for subfolder, read in (("renders", view.read), ("gt", read_photo)):
+            if read is None:
+                continue
+            files.append(folder / subfolder / view.name)
+            if scale == 1:
+                _copy_or_write(read, files[-1])
+            elif subfolder == "gt":
+                write_image(files[-1], read_original_size(view))
+            else:
+                write_image(files[-1], resize_to_photo(upsample_bicubic(read()[None], scale)[0], view, scale))
+    return files
 
 
-def remove_other_views(folder: Path, names: Container[str]) -> None:
-    """Remove images of views that an earlier call of the same job wrote and that its input no longer holds.
+def remove_other_files(folder: Path, kept: Collection[Path]) -> None:
+    """Remove images that an earlier call of the same job wrote, of views or photos that its input no longer holds.
 
     Args:
         folder: parent of the folders ``renders``, ``enhanced`` and ``gt``.
-        names: names of the views that stay.
+        kept: the files that stay.
 
     Raises:
         InputError: a file cannot be removed.
     """
-    for path in folder.glob("*/*"):
-        if path.name not in names:
-            try:
-                path.unlink()
-            except OSError as error:
-                raise to_write_error(path, error) from error
+    for path in set(folder.glob("*/*")) - set(kept):
+        try:
+            path.unlink()
+        except OSError as error:
+            raise to_write_error(path, error) from error
 
 
 def read_original_size(view: RenderedView) -> Float[Tensor, "3 _ _"]:

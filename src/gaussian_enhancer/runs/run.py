@@ -93,9 +93,10 @@ def _check_folder(folder: Path, digest: str, job: str) -> str | None:
     A folder with results of a different run, or with a splat that belongs to no run, is refused.
     """
     finished = finished_digest(folder)
-    if job in SPLAT_JOBS and not (folder / "config.yaml").exists():
+    if finished is None and job in SPLAT_JOBS and not (folder / "config.yaml").exists():
         for file in filter(Path.exists, (folder / name for name in SPLAT_FILES)):
-            raise InputError(file, f"belongs to no run of this program, and {job} would replace it", REMEDY)
+            received = f"belongs to no run of this program, and {job} would replace it"
+            raise InputError(file, received, "give another output")
     if finished is not None and finished != digest:
         raise InputError(folder, f"holds another finished run ({finished})", REMEDY)
     if finished is None and (folder / "config.yaml").is_file() and not status.holds_no_result(folder):

@@ -6,7 +6,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.runs.arguments import only_given, refuse_without_effect
+from gaussian_enhancer.runs.arguments import only_given
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer, open_renderer, refuse_unseen
 from gaussian_enhancer.scene.rendered import RenderedSet
@@ -77,7 +77,6 @@ def open_splat_with_capture(cfg: DictConfig, job: str) -> SplatWithCapture:
     """
     inputs = {name: cfg[name] for name in ("run", "gaussians")}
     form = only_given(inputs, job, "nothing to render", "give one of run=FOLDER, gaussians=FILE with scene=...")
-    refuse_without_effect(["scene"] if form == "run" and cfg.get("scene") else [], form)
     return _read_run(cfg) if form == "run" else _read_splat_and_scene(cfg)
 
 

@@ -12,8 +12,8 @@ from torch import Tensor
 
 from gaussian_enhancer.types import Camera
 
-COINCIDENT = 1e-6
-"""Distance below which cameras are at one place, in units of their largest coordinate, stored in single precision."""
+COINCIDENT = 3e-7
+"""Distance below which two cameras are at one place, in units of their largest coordinate: a few roundings of it."""
 
 
 def camera_distances(cameras: Sequence[Camera]) -> Float[Tensor, "c c"]:
@@ -27,7 +27,8 @@ def camera_distances(cameras: Sequence[Camera]) -> Float[Tensor, "c c"]:
     """
     centres = torch.stack([camera.centre for camera in cameras]).cpu().double()
     distances = torch.cdist(centres, centres, compute_mode="donot_use_mm_for_euclid_dist")
-    return torch.where(distances < COINCIDENT * centres.abs().max(), 0.0, distances)
+    extent = centres.abs().amax(1)
+    return torch.where(distances < COINCIDENT * torch.maximum(extent[:, None], extent), 0.0, distances)
 
 
 def focus_point(

@@ -194,11 +194,15 @@ def lens_at_size(lens: Lens, height: int, width: int, path: Path) -> Lens:
 
 
 def evenly_resized(size: tuple[int, int], calibrated: tuple[int, int]) -> bool:
-    """Whether one scale explains two sizes (height, width), up to one pixel of rounding on each side of the smaller."""
-    smaller, larger = sorted((size, calibrated))
-    lowest = max((side - 1) / whole for side, whole in zip(smaller, larger, strict=True))
-    highest = min((side + 1) / whole for side, whole in zip(smaller, larger, strict=True))
-    return lowest <= highest
+    """Whether one scale explains two sizes (height, width), with the sides of the smaller one rounded alike.
+
+    Both sides may be rounded up, both down, or both to the nearest pixel, of a size that was rounded itself.
+    """
+    sides = list(zip(*sorted((size, calibrated)), strict=True))
+    for down, up in ((0.0, 1.0), (1.0, 0.0), (0.75, 0.75)):
+        if max((side - down) / whole for side, whole in sides) <= min((side + up) / whole for side, whole in sides):
+            return True
+    return False
 
 
 def _split_of_sides(sides: Sequence[str | None]) -> tuple[tuple[int, ...], tuple[int, ...]] | None:

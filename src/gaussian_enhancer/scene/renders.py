@@ -181,15 +181,16 @@ def read_folder(
             received = f"leaves no photo to refer to: {photos} holds the renders' own photos alone"
             remedy = "name a folder of the capture's other photos with references="
             raise InputError(root, received, remedy if run is None else f"{remedy}, or run={run} {_scene_options(run)}")
-        # a run's renders and gt: refer to its training views
-        rendered = read_run(run, step, background=background, name=name)
-        completed_targets = tuple(map(_complete, targets, rendered.targets))
-        training_views = tuple(
-            _training_view(view, named_cameras, depths, depth_scale, cameras_file) for view in rendered.references
-        )
+        of_run = read_run(run, step, background=background, name=name)
         has_depth_of_run = depths is None or (depths.resolve(), depth_scale) == (root.resolve().parent / "depth", 1)
-        own_depth = rendered.own_depth and has_depth_of_run
-        return replace(rendered, targets=completed_targets, references=training_views, own_depth=own_depth)
+        return replace(
+            of_run,
+            targets=tuple(_complete(*views) for views in zip(targets, of_run.targets, strict=True)),
+            references=tuple(
+                _training_view(view, named_cameras, depths, depth_scale, cameras_file) for view in of_run.references
+            ),
+            own_depth=of_run.own_depth and has_depth_of_run and cameras is None,
+        )
     return RenderedSet(name or root.resolve().name, tuple(targets), reference_views, background)
 
 
