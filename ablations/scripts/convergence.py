@@ -45,8 +45,9 @@ WITHOUT = {
     "": EnhancementOptions(),
     "without_confidence": EnhancementOptions(confidence=False),
     "plain": EnhancementOptions(confidence=False, colour_completion=False),
+    "one_pass": EnhancementOptions(ensemble=False),
 }
-"""What a method may leave out: the confidence, or the confidence and colour completion."""
+"""What a method may leave out: the confidence, or colour completion as well, or the second enhancement."""
 CREDITS = {
     "plush": "noname0310, MIT licence",
     "banana": "Piero Toffanin, MIT licence",

@@ -117,6 +117,7 @@ class Enhancing(Options):
     colour_clamping: NonNegativeInt
     colour_completion: bool
     confidence: bool
+    ensemble: bool
     precision: str
     tile: Count
 

@@ -21,6 +21,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.change_confidence import ChangeConfidence, apply_shares
 from gaussian_enhancer.infer.colour_completion import complete_change
 from gaussian_enhancer.infer.empty_areas import restore_empty_areas
+from gaussian_enhancer.infer.ensemble import MIN_REFERENCES, mean_change, without_last_reference
 from gaussian_enhancer.infer.finite_check import refuse_not_finite
 from gaussian_enhancer.infer.plan import ViewPlan
 from gaussian_enhancer.infer.planner import Planner
@@ -92,6 +93,9 @@ class SetEnhancer:
         colour_completion: where no reference is visible, replace the smooth part of the network's change by the one
             that visible pixels predict (`complete_change`).
         confidence: predicts the shares of the change to apply; None applies all of it.
+        ensemble: average the changes with all references and without the least useful one (`mean_change`), which takes
+            twice the network's time. It has no effect without a confidence, with fewer than `MIN_REFERENCES`
+            references, or if references are not warped.
         pass_through: return the render itself if no reference is visible in a view. A network that was trained with
             references can only guess without any. It has no effect on super-resolution.
         keeps_coverage: also return the coverage of each view by references (`EnhancedView`).
@@ -115,6 +119,7 @@ class SetEnhancer:
         colour_completion: bool = True,
         confidence: ChangeConfidence | None = None,
         keeps_coverage: bool = False,
+        ensemble: bool = False,
     ) -> None:
         for name, share in (("strength", strength), ("temporal_smoothing", temporal_smoothing)):
             check_value(share, float, name)
@@ -142,6 +147,7 @@ class SetEnhancer:
         self.colour_clamping, self.pass_through = colour_clamping, pass_through
         self.colour_completion, self.keeps_coverage = colour_completion, keeps_coverage
         self.confidence = None if confidence is None else confidence.eval().to(self.device)
+        self.ensemble = ensemble and confidence is not None
 
     def __call__(
         self,
@@ -283,10 +289,10 @@ class SetEnhancer:
                 enhanced = reference_features.network(views, reference_features(views, names)).float()
         elif is_warped and isinstance(self.network, Cascade):
             enhanced = self._super_resolve(self.network, views)
+        elif is_warped and self.network.scale == 1:
+            enhanced = self._run_limited(self.network, views)
         else:
             enhanced = self._run(self.network, views)
-            if is_warped and self.network.scale == 1:
-                enhanced = self._limit_change(enhanced, views)
         if self.strength < 1:
             upsampled_render = upsample_bicubic(views.render, self.network.scale)
             enhanced = upsampled_render + self.strength * (enhanced - upsampled_render)
@@ -305,10 +311,17 @@ class SetEnhancer:
 
     def _super_resolve(self, cascade: Cascade, views: NetworkInput) -> Float[Tensor, "b 3 H W"]:
         """Enhance at the render's resolution, limit that change, and enhance the result to 4 times the resolution."""
-        enhanced = self._run(cascade.first, dataclasses.replace(views, fine_references=None))
-        limited = self._limit_change(enhanced, views)
+        limited = self._run_limited(cascade.first, dataclasses.replace(views, fine_references=None))
         finer = self._run(cascade.second, dataclasses.replace(views, render=limited))
         return limit_finer_scales(finer, limited, views, clamps=bool(self.colour_clamping))
+
+    def _run_limited(self, network: Network, views: NetworkInput) -> Float[Tensor, "b 3 h w"]:
+        """Enhance at the render's resolution, and limit the change."""
+        enhanced = self._limit_change(self._run(network, views), views)
+        if not self.ensemble or views.references.shape[1] < MIN_REFERENCES:
+            return enhanced
+        fewer = without_last_reference(views)
+        return mean_change(views.render, enhanced, self._limit_change(self._run(network, fewer), fewer))
 
     def _limit_change(self, enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Float[Tensor, "b 3 h w"]:
         """Limit the change to a render."""

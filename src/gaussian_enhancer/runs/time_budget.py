@@ -26,7 +26,7 @@ from gaussian_enhancer.scene.rendered import RenderedSet
 
 PRESETS = SHIPPED_FOLDER / "settings.json"
 
-BUDGET_KEYS = ("weights", "max_references", "precision", "tile")
+BUDGET_KEYS = ("weights", "max_references", "precision", "tile", "ensemble")
 """Options that a budget sets, and that therefore cannot be given together with it."""
 
 
