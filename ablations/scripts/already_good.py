@@ -34,6 +34,7 @@ from gaussian_enhancer.infer.weights import Pretrained, load_weights
 from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.scene.frozen import refuse_frozen
 from gaussian_enhancer.scene.renders import read_run
+from gaussian_enhancer.scene.splits import evenly_spaced
 from gaussian_enhancer.types import quantise_8_bit
 
 ALLOWED = 0.02
@@ -43,8 +44,7 @@ ALLOWED = 0.02
 def measure_fit(fit: Path, count: int, pretrained: Pretrained, device: torch.device | None = None) -> Iterator[Record]:
     """One record a view: share of blocks that each order may pass through at a loss of `ALLOWED`, and remaining box."""
     rendered = read_run(fit)
-    count = min(count, len(rendered.targets))
-    targets = tuple(rendered.targets[i * len(rendered.targets) // count] for i in range(count))
+    targets = evenly_spaced(rendered.targets, count)
     rendered = replace(rendered, targets=targets)
     planner = Planner(Rules(references="auto"), pretrained.reference_config, rendered)
     enhancer = SetEnhancer(pretrained.network, pretrained.reference_config, device)

@@ -26,6 +26,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.frozen import refuse_untrained
 from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.scene.renders import read_run, run_steps
+from gaussian_enhancer.scene.splits import evenly_spaced
 
 Images = list[Tensor]
 PHOTOS = 3
@@ -34,9 +35,8 @@ PHOTOS = 3
 
 def spread(views: Sequence[RenderedView], count: int) -> tuple[Images, Images]:
     """Renders and photos of at most so many views, evenly spaced."""
-    chosen = [views[i * len(views) // count] for i in range(count)] if len(views) > count else list(views)
     renders, photos = [], []
-    for view in chosen:
+    for view in evenly_spaced(views, count):
         if view.read is None or view.read_photo is None:
             raise InputError(view.name, "has no render or no photo", "give runs with both, training views included")
         renders.append(view.read())

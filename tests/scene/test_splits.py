@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.scene.splits import Split, every_nth, thin_training
+from gaussian_enhancer.scene.splits import Split, evenly_spaced, every_nth, thin_training
 
 
 def test_every_eighth_is_held_out():
@@ -43,3 +43,11 @@ def test_impossible_numbers_are_refused(values):
 def test_split_that_leaves_nothing_is_refused():
     with pytest.raises(InputError, match="leaves none of 2"):
         Split()(2, ((), (0, 1)))
+
+
+@pytest.mark.parametrize(
+    ("count", "chosen"), [(1, (0,)), (4, (0, 3, 7, 11)), (15, tuple(range(15))), (20, tuple(range(15)))]
+)
+def test_some_of_many_items_are_spaced_evenly(count, chosen):
+    assert evenly_spaced(range(15), count) == chosen
+    assert evenly_spaced([], count) == ()

@@ -85,17 +85,15 @@ def _files(cfg: DictConfig) -> tuple[ImageFiles, ...]:
     """The images that the configuration names, paired with their photos."""
     if cfg.run is not None and (cfg.images is not None or cfg.photos is not None or cfg.raw is not None):
         raise InputError("run", "was given together with images, photos or raw", "give either")
-    without_effect = {"step": cfg.step is not None}
     if cfg.run is not None:
-        changed = {"variant": cfg.variant != "enhanced", "unmatched": cfg.unmatched != "refuse"}
-        without_effect = {"masks": cfg.masks is not None, **changed}
-    refuse_without_effect((name for name, given in without_effect.items() if given), "run" if cfg.run else "images")
-    if cfg.raw is not None and cfg.variant != "enhanced":
-        raise InputError("variant", f"is {cfg.variant!r} beside raw", "leave it out: gains are those of 'enhanced'")
-    if cfg.run is not None:
+        defaults = {"masks": None, "variant": "enhanced", "unmatched": "refuse"}
+        refuse_without_effect((name for name, default in defaults.items() if cfg[name] != default), "run")
         return pair_run(cfg.run, cfg.step, scene=cfg.scene_name or "", splat=cfg.splat_name or "")
     if cfg.images is None or cfg.photos is None:
         raise InputError("measure", "was given no images to measure", "add images=FOLDER photos=FOLDER, or run=FOLDER")
+    refuse_without_effect(["step"] if cfg.step is not None else [], "images")
+    if cfg.raw is not None and cfg.variant != "enhanced":
+        raise InputError("variant", f"is {cfg.variant!r} beside raw", "leave it out: gains are those of 'enhanced'")
     name = Path(cfg.images).resolve().name
     files: list[ImageFiles] = []
     for folder, variant in ((cfg.raw, "raw"), (cfg.images, cfg.variant)):

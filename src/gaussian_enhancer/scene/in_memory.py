@@ -4,6 +4,7 @@ import functools
 from dataclasses import replace
 
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from gaussian_enhancer.scene.splits import evenly_spaced
 
 
 def read_once(view: RenderedView) -> RenderedView:
@@ -22,7 +23,6 @@ def single_target_sets(rendered: RenderedSet, count: int) -> tuple[RenderedSet, 
         rendered: the set.
         count: maximum number of targets.
     """
-    targets, references = rendered.targets, tuple(map(read_once, rendered.references))
-    count = min(count, len(targets))
-    chosen_targets = (targets[index * len(targets) // count] for index in range(count))
-    return tuple(replace(rendered, targets=(read_once(target),), references=references) for target in chosen_targets)
+    references = tuple(map(read_once, rendered.references))
+    targets = map(read_once, evenly_spaced(rendered.targets, count))
+    return tuple(replace(rendered, targets=(target,), references=references) for target in targets)

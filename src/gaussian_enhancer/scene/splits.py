@@ -1,15 +1,18 @@
-"""Split of a capture into training and held-out photos.
+"""Split of a capture into training and held-out photos, and choice of some of many views.
 
 By the convention of the field, every 8th photo sorted by name is a test view (``idx % 8 == 0``; LLFF, 3DGS's
 ``dataset_readers.py``). Sparse fits keep every n-th of the remaining photos.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.typed import check_fields
 
 Indices = tuple[int, ...]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -80,3 +83,14 @@ def thin_training(
     if not unused_as_test:
         return kept, test
     return kept, tuple(sorted({*test, *train} - {*kept}))
+
+
+def evenly_spaced(items: Sequence[T], count: int) -> tuple[T, ...]:
+    """At most a number of items, evenly spaced from the first one on.
+
+    Args:
+        items: for instance views, in the order of the capture.
+        count: largest number of items.
+    """
+    count = min(count, len(items))
+    return tuple(items[i * len(items) // count] for i in range(count))

@@ -14,6 +14,7 @@ from lightning.pytorch.loggers import Logger, TensorBoardLogger, WandbLogger
 from torch import Tensor
 
 from gaussian_enhancer.network.pyramid import upsample_bicubic
+from gaussian_enhancer.scene.splits import evenly_spaced
 from gaussian_enhancer.train.module import ValidationMetrics
 from gaussian_enhancer.train.share import gather
 from gaussian_enhancer.types import Batch, quantise_8_bit
@@ -54,7 +55,7 @@ class ValidationImages(Callback):
         """
         position, enhanced = outputs["position"], outputs["enhanced"]
         views = len(trainer.val_dataloaders.dataset)  # type: ignore[union-attr]
-        if self.loggers and position in [i * views // IMAGE_COUNT for i in range(IMAGE_COUNT)]:
+        if self.loggers and position in evenly_spaced(range(views), IMAGE_COUNT):
             raw = quantise_8_bit(upsample_bicubic(batch.views.render, pl_module.network.scale))  # type: ignore[arg-type,union-attr]
             self.pending_images.append((position, batch.names[0], side_by_side(raw[0], enhanced[0], batch.photo[0])))
 

@@ -25,6 +25,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_json
 from gaussian_enhancer.scene.json_file import get_member, get_number, read_json
 from gaussian_enhancer.scene.rendered import RenderedSet
+from gaussian_enhancer.scene.splits import evenly_spaced
 
 
 class Growth(NamedTuple):
@@ -201,9 +202,7 @@ def calibrate_on_splat(
     """
     fingerprint = fingerprint_of_training_views(rendered)
     readers = [view.read_photo for view in rendered.references if view.read_photo is not None]
-    count = min(photos, len(readers))
-    chosen = [readers[i * len(readers) // count]() for i in range(count)]
-    return calibrate_gate(fingerprint, chosen, generator, types=types)
+    return calibrate_gate(fingerprint, [read() for read in evenly_spaced(readers, photos)], generator, types=types)
 
 
 def calibrate_gate(
