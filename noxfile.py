@@ -282,7 +282,7 @@ def docs(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def picture(session: nox.Session) -> None:
-    """Draw the README's picture anew, of plush fitted for 4,000 steps; the committed one is of a fit of 15,000 steps."""
+    """Draw the README's picture anew, of plush fitted for 4,000 steps; the committed one is of 15,000 steps."""
     install(session)
     if not os.environ.get("GAUSSIAN_ENHANCER_DATA"):
         session.error("GAUSSIAN_ENHANCER_DATA names no folder: it must hold captures/plush and lpips")
