@@ -18,7 +18,7 @@ from gaussian_enhancer.types import numpy_view
 
 WINDOW = 7
 """Side in pixels of the squares over which references are compared."""
-OUTLIER_DIFFERENCE = 0.1
+OUTLIER_DIFFERENCE = 0.15
 """Colour difference of an outlier from the render and from another reference, in [0, 1]; outliers differ by more."""
 OUTLIER_AGREEMENT = 0.6
 """Share of that difference by which the other reference may differ from the render."""
