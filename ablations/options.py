@@ -332,6 +332,7 @@ class BeforeAfter(Options):
     run: PathText
     method: str
     capture: str | None
+    crop: Literal["changed", "worst"]
     quality: Annotated[int, Field(ge=1, le=95)]
 
 

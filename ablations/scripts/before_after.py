@@ -1,8 +1,8 @@
 """``gaussian-enhancer before_after``: a strip of raw render, enhanced view and photo, a magnified crop under each.
 
-The run is the folder of a finished job ``enhance``. The view has the median gain of PSNR, and the crop is the block
-where the raw render has the largest error, so neither is chosen to favour the enhancement. The
-caption is printed and stored in the file's metadata.
+The run is the folder of a finished job ``enhance``. The view has the median gain of PSNR. The crop is where the
+enhancement changes the render most, for better or worse, or where the raw render has the largest error, so neither is
+chosen to favour the enhancement. The caption is printed and stored in the file's metadata.
 
 Axes: h height, w width.
 """
@@ -84,6 +84,11 @@ def median_gain(views: list[Compared]) -> Compared:
     return sorted(views, key=lambda view: view.gain)[(len(views) - 1) // 2]
 
 
+def changed_block(view: Compared) -> tuple[int, int, int, int]:
+    """The crop that the enhancement changes most, for better or worse."""
+    return _largest(_squared_error(view.enhanced, view.raw))
+
+
 def worst_block(view: Compared) -> tuple[int, int, int, int]:
     """The crop in which the raw render's mean squared error is largest."""
     return _largest(_squared_error(view.raw, view.photo))
@@ -94,8 +99,15 @@ def harmed_block(view: Compared) -> tuple[int, int, int, int]:
     return _largest(_squared_error(view.enhanced, view.photo) - _squared_error(view.raw, view.photo))
 
 
-def _squared_error(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> Float[Tensor, "h w"]:
-    return (image - photo).square().mean(dim=0)
+CROPS = {
+    "changed": (changed_block, "where enhancement changes the render most"),
+    "worst": (worst_block, "where the raw render is worst"),
+}
+"""What a picture magnifies, with the words of its caption, by the value of the option ``crop``."""
+
+
+def _squared_error(image: Float[Tensor, "3 h w"], other: Float[Tensor, "3 h w"]) -> Float[Tensor, "h w"]:
+    return (image - other).square().mean(dim=0)
 
 
 def _largest(values: Float[Tensor, "h w"]) -> tuple[int, int, int, int]:
@@ -106,14 +118,14 @@ def _largest(values: Float[Tensor, "h w"]) -> tuple[int, int, int, int]:
     return column, row, column + width, row + height
 
 
-def caption(views: list[Compared], shown: Compared, splat: str, capture: str, weights: str) -> str:
+def caption(views: list[Compared], shown: Compared, splat: str, capture: str, weights: str, crop: str) -> str:
     """Caption of the picture: capture, fit, gain, and how view and crop were chosen."""
     before, after = shown.decibels
     mean = sum(view.gain for view in views) / len(views)
     return (
         f"Held-out view of a real capture ({capture}), {splat} fitted for {shown.step:,} steps, weights {weights}: "
         f"{before:.2f} dB raw, {after:.2f} dB enhanced ({after - before:+.2f} dB; mean of the {len(views)} held-out "
-        f"views {mean:+.2f} dB). The view has the median gain; the crop is where the raw render is worst."
+        f"views {mean:+.2f} dB). The view has the median gain; the crop is {CROPS[crop][1]}."
     )
 
 
@@ -166,8 +178,9 @@ def run(cfg: DictConfig) -> None:
     folder = Path(cfg.run)
     views = read_views(folder)
     shown = median_gain(views)
-    text = caption(views, shown, cfg.method, cfg.capture or folder.name, used_weights(folder))
-    write_picture(cfg.output, strip(shown, worst_block(shown)), text, cfg.quality)
+    text = caption(views, shown, cfg.method, cfg.capture or folder.name, used_weights(folder), cfg.crop)
+    find_crop, _ = CROPS[cfg.crop]
+    write_picture(cfg.output, strip(shown, find_crop(shown)), text, cfg.quality)
     print(text)
 
 

@@ -9,6 +9,7 @@ from ablations.scripts.before_after import (
     GAP,
     Compared,
     caption,
+    changed_block,
     harmed_block,
     median_gain,
     read_views,
@@ -43,6 +44,13 @@ def test_the_crop_is_where_the_raw_render_is_worst() -> None:
     assert worst_block(moved) == (24, 8, 36, 16)
 
 
+def test_the_changed_crop_counts_changes_for_the_worse_too() -> None:
+    changed = view("a", 0.15)
+    changed.enhanced[:, 8:16, 24:36] += 0.1
+    assert changed_block(changed) == harmed_block(changed) == (24, 8, 36, 16)
+    assert changed_block(view("a", 0.0)) == (0, HEIGHT - HEIGHT // CROP, WIDTH // CROP, HEIGHT)
+
+
 def test_the_harmed_crop_is_where_enhancement_adds_most() -> None:
     harmed = view("a", 0.0)
     harmed.enhanced[:, 8:16, 24:36] += 0.1
@@ -52,9 +60,10 @@ def test_the_harmed_crop_is_where_enhancement_adds_most() -> None:
 
 def test_a_loss_is_captioned_as_one() -> None:
     views = [view("a", 0.4), view("b", 0.4)]
-    text = caption(views, views[0], "3DGS", "a capture, MIT", "lr_tiny")
+    text = caption(views, views[0], "3DGS", "a capture, MIT", "lr_tiny", "worst")
     assert "-6.02 dB; mean of the 2 held-out views -6.02 dB" in text
     assert "fitted for 1,000 steps" in text
+    assert text.endswith("the crop is where the raw render is worst.")
 
 
 def test_the_strip_holds_three_views_and_their_crops() -> None:
