@@ -141,7 +141,7 @@ def test_forms_of_one_image_give_the_same_image(views, enhancer):
     ]
     image = as_numpy(view.read())
     known = {**given(view), "depth": view.read_depth()[0].numpy(), "alpha": view.read_alpha()[0].numpy()}
-    for dtype in (np.float32, np.float64):
+    for dtype in (np.float32, np.float64, np.dtype(">f4")):
         found = enhancer(image.astype(dtype), references=arrays, **known)
         assert isinstance(found, np.ndarray)
         assert (found.dtype, found.shape) == (dtype, image.shape)

@@ -195,8 +195,10 @@ def edit(capture: Path, change: Callable[[dict], object]) -> None:
     file.write_text(json.dumps(content))
 
 
-def test_fit_accepts_what_the_cases_below_spoil(capture: Path) -> None:
-    cli.main(list(fit(capture, "output=out")))
+def test_fit_accepts_what_the_cases_below_spoil(capture: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for reused in (False, True):
+        cli.main(list(fit(capture, "output=out")))
+        assert ("made by an earlier call" in capsys.readouterr().err.replace("\n", " ")) == reused
     assert {p.name for p in Path("out").iterdir()} >= {"splat.ply", "cameras.json", "records.jsonl", "done"}
 
 
@@ -627,9 +629,14 @@ def test_enhance_renders_whose_parts_do_not_match(workplace: None, refused: Refu
     line = refused(*FORMS["renders"], "photos=photos")
     assert f"photos/0.png: is {WIDTH}x{HEIGHT + 2} but its render 0.png is {WIDTH}x{HEIGHT}" in line
     assert "has no depth for 0.png" in refused(*FORMS["renders"], "depth=fitted/train/ours_2/depth")
+    assert "nowhere: is no folder" in refused(*FORMS["renders"], "depth=nowhere")
     assert "none.json" in refused(*FORMS["renders"], "cameras=none.json")
     Path("few.json").write_text(json.dumps(json.loads(Path("fitted/cameras.json").read_text())[1:]))
     assert "few.json: names no camera for 0.png" in refused(*FORMS["renders"], "cameras=few.json")
+    stems = {path.stem for path in Path("fitted/test/ours_2/renders").iterdir()}
+    entries = json.loads(Path("fitted/cameras.json").read_text())
+    Path("few.json").write_text(json.dumps([entry for entry in entries if Path(entry["img_name"]).stem in stems]))
+    assert "few.json: names no camera for any photo" in refused(*FORMS["renders"], "cameras=few.json")
 
 
 @pytest.mark.parametrize("form", FORMS)

@@ -178,6 +178,36 @@ def test_a_run_whose_cameras_are_missing_is_passed_through_bit_for_bit(plane_run
     assert not equal_files(tmp_path / "known", plane_run / "test/ours_100/renders")
 
 
+def test_a_reference_without_a_camera_is_left_out_and_named(plane_run, bright, tmp_path, capsys):
+    side, photos = plane_run / "test/ours_100", plane_run / "train/ours_100/gt"
+    entries = json.loads((plane_run / "cameras.json").read_text())
+    (tmp_path / "few.json").write_text(json.dumps(entries[:-1]))
+    folders = [f"renders={side / 'renders'}", f"photos={photos}", f"depth={side / 'depth'}", f"weights={bright}"]
+    run(configured(*folders, f"cameras={tmp_path / 'few.json'}", f"output={tmp_path / 'out'}"))
+    assert f"1 without a camera left out, {entries[-1]['img_name']}" in capsys.readouterr().err.replace("\n", " ")
+    assert not equal_files(tmp_path / "out", side / "renders")
+
+
+def test_depth_that_one_photo_cannot_give_is_said_so(plane_run, bright, tmp_path, capsys):
+    side, photos = plane_run / "test/ours_100", tmp_path / "photos"
+    photos.mkdir()
+    shutil.copy(next((plane_run / "train/ours_100/gt").iterdir()), photos)
+    folders = [f"renders={side / 'renders'}", f"photos={photos}", f"cameras={plane_run / 'cameras.json'}"]
+    run(configured(*folders, f"weights={bright}", f"output={tmp_path / 'out'}"))
+    assert "depth is recovered from at least 2 photos with cameras" in warned(capsys)
+
+
+def test_a_splat_unlike_its_photos_is_enhanced_with_a_warning(plane_run, bright, tmp_path, capsys):
+    other = tmp_path / "other"
+    shutil.copytree(plane_run, other)
+    for path in (other / "train/ours_100/gt").iterdir():
+        write_image(path, 1 - read_photo(path))
+    run(configured(f"run={plane_run}", f"weights={bright}", f"output={tmp_path / 'out'}"))
+    assert "WARNING" not in capsys.readouterr().err
+    run(configured(f"run={other}", f"weights={bright}", f"output={tmp_path / 'out'}"))
+    assert "renders are unlike their photos (median PSNR" in warned(capsys)
+
+
 def test_renders_that_no_camera_is_found_for_are_passed_through_as_they_are_stored(bright, tmp_path, capsys):
     generator = torch.Generator().manual_seed(0)
     (tmp_path / "renders").mkdir()

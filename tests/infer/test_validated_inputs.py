@@ -51,6 +51,9 @@ def test_true_depth_is_not_doubted():
         (lambda z: z * 2, "0.5 times as deep"),
         (lambda z: z / 2, "2 times as deep"),
         (lambda z: z / 10, "10 times as deep"),
+        (lambda z: z * 100, "times as deep"),
+        (lambda z: z * 1000, "0.001 times as deep"),
+        (lambda z: z / 1000, "times as deep"),
         (lambda z: 12 / z, "a flat plane|times as deep"),
         (torch.zeros_like, "no finite positive value"),
         (lambda z: z * torch.nan, "no finite positive value"),
@@ -71,6 +74,13 @@ def test_a_view_into_the_void_is_no_reason_to_doubt_the_depth_of_others():
 def test_depth_is_not_judged_by_the_only_photo_if_it_is_the_views_own():
     own = ReferencePool((slanted(0),))
     assert depth_mismatch_reason(own, ReferenceConfig(), (slanted(0, lambda z: z * 2),)) == ""
+
+
+def test_a_reference_from_the_views_own_place_does_not_speak_for_another_depth():
+    rendered = scene()
+    twin = replace(slanted(0), name="twin.png")
+    pool = ReferencePool((twin, slanted(6)))
+    assert depth_mismatch_reason(pool, ReferenceConfig(), rendered.targets[:1]) == ""
 
 
 def test_one_view_that_fits_is_enough_and_no_other_is_read():

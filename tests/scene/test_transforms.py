@@ -1,5 +1,6 @@
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -58,6 +59,17 @@ def test_known_point_lands_on_its_pixel(tmp_path):
     assert scene.photos[0].camera.K[0, 0] == FX
     assert_dots_are_where_cameras_say(scene)
     assert scene.test == (0, 8)
+
+
+@pytest.mark.parametrize("ending", [".png", ".PNG"])
+def test_photos_are_found_where_frames_omit_their_ending(tmp_path, ending):
+    content = write_transforms(tmp_path)
+    for frame in content["frames"]:
+        photo = tmp_path / frame["file_path"]
+        photo.rename(photo.with_suffix(ending))
+        frame["file_path"] = frame["file_path"].removesuffix(".png")
+    rewrite(tmp_path, content)
+    assert {Path(photo.name).suffix for photo in load_transforms(tmp_path).photos} == {ending}
 
 
 def test_instant_ngp_distortion_is_undone(tmp_path):

@@ -12,7 +12,12 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.preload import validation_reads
 from gaussian_enhancer.infer.weights import load_weights
-from gaussian_enhancer.runs.enhancement import lost_references, prepare_enhancement, recover_missing_geometry
+from gaussian_enhancer.runs.enhancement import (
+    lost_references,
+    mismatch_warnings,
+    prepare_enhancement,
+    recover_missing_geometry,
+)
 from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos, high_resolution_values
 from gaussian_enhancer.runs.inputs import InputPaths, refuse_input_folder
 from gaussian_enhancer.runs.output import write_enhanced
@@ -108,7 +113,8 @@ def enhance_folder(
     planner = validated.planner(settings.rules)
     for read_file in validation_reads(validated, planner):
         read_file()
-    for reason in filter(None, (task.note, *validated.missing_references, *lost_references(enhancer, task, validated))):
+    reasons = *validated.missing_references, *mismatch_warnings(validated), *lost_references(enhancer, task, validated)
+    for reason in filter(None, (task.note, *reasons)):
         warnings.warn(reason, stacklevel=2)
     images = enhancer(task.rendered, planner, validated.pool)
     enhanced = write_enhanced(images, Path(output), task.rendered, enhancer.network.scale)

@@ -134,7 +134,8 @@ def _tensor(image: Array) -> Tensor:
     """Convert an array to a tensor on the CPU that is detached from the autograd graph."""
     if isinstance(image, Tensor):
         return image.detach().cpu()
-    return torch.from_numpy(np.ascontiguousarray(image if image.flags.writeable else image.copy()))
+    native = image.astype(image.dtype.newbyteorder("="), copy=not image.flags.writeable)
+    return torch.from_numpy(np.ascontiguousarray(native))
 
 
 def _in_range(name: str, values: Tensor) -> Tensor:

@@ -20,6 +20,7 @@ from gaussian_enhancer.runs.enhancement import (
     load_enhancement,
     load_options,
     lost_references,
+    mismatch_warnings,
     naming_configuration,
     process_count,
 )
@@ -75,7 +76,7 @@ def run(cfg: DictConfig) -> float | None:
     notes = validated.missing_references if rules.full and not cfg.dry_run else (plan.table(),)
     for line in filter(None, (task.note, *notes)):
         print_line(Console() if cfg.dry_run else console, line)
-    for warning in lost_references(enhancer, task, validated):
+    for warning in (*mismatch_warnings(validated), *lost_references(enhancer, task, validated)):
         console.print(f"WARNING: {warning}", style="bold red", highlight=False, soft_wrap=True, markup=False)
     if cfg.dry_run:
         return None

@@ -39,6 +39,7 @@ def run(cfg: DictConfig) -> float | None:
     settings: FitSettings = build(cfg.settings)
     job = open_run(cfg, "fit", f"{scene.name}-{method.name}")
     console = Console(stderr=True)
+    earlier = "; made by an earlier call, delete the folder to fit again" if job.done else ""
     if not job.done:
         stopwatch = Stopwatch(bool(cfg.profile))
         resumed, started = holds_checkpoint(job.folder), time.monotonic()
@@ -53,5 +54,5 @@ def run(cfg: DictConfig) -> float | None:
             console.print(stopwatch.table(), highlight=False)
     _, mean_psnr = held_out_psnr(job.folder)
     quality = "no view held out" if mean_psnr is None else f"held-out PSNR {mean_psnr:.2f} dB"
-    print_line(console, f"{job.folder}: {quality}")
+    print_line(console, f"{job.folder}: {quality}{earlier}")
     return mean_psnr

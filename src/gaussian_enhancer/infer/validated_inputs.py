@@ -15,7 +15,7 @@ from gaussian_enhancer.scene.neighbours import choose_references
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import usable_depth
 
-DEPTH_FACTORS = (0.1, 0.5, 2.0, 10.0)
+DEPTH_FACTORS = (0.001, 0.01, 0.1, 0.5, 2.0, 10.0, 100.0, 1000.0)
 """Factors by which depth is multiplied to test its scale."""
 BETTER_RATIO = 0.9
 """Depth is refused if the colour difference through another depth is below this ratio of its own.
@@ -23,6 +23,9 @@ BETTER_RATIO = 0.9
 For six training fits of all families and methods, the difference through a plane is 1.15 to 2.1 times that through the
 splat's depth, and 0.70 to 0.89 times that through inverse depth.
 """
+
+LEAST_SHARE = 0.1
+"""Share of the render that references must show to test the depth by them."""
 
 NOT_GIVEN, SWITCHED_OFF = "not given", "switched off"
 NONE_REQUESTED = "none are asked for: views are enhanced from their renders alone"
@@ -123,7 +126,8 @@ def depth_mismatch_reason(pool: ReferencePool, reference_config: ReferenceConfig
 
     The renders of the two nearest references are warped to each view on a coarse grid: through the depth, through the
     depth times each of `DEPTH_FACTORS`, and through a plane at its median. If one of the alternatives agrees clearly
-    better with the render in every view, the depth has another scale, or is another quantity such as inverse depth.
+    better with the render in every view, the depth has another scale, or is another quantity such as inverse depth. An
+    alternative counts only if it loses no reference, since a reference from the same place agrees at every depth.
 
     Args:
         pool: the references.
@@ -149,30 +153,38 @@ def depth_mismatch_reason(pool: ReferencePool, reference_config: ReferenceConfig
         median = float(coarse_target.depth[usable_depth(coarse_target.depth)].median())
         alternatives = {f"{factor:g} times as deep": coarse_target.depth * factor for factor in DEPTH_FACTORS}
         alternatives["a flat plane"] = torch.full_like(coarse_target.depth, median)
-        disagreement = _colour_disagreement(warp, coarse_target, references)
-        best = min(
-            (_colour_disagreement(warp, replace(coarse_target, depth=z), references), name)
-            for name, z in alternatives.items()
-        )
-        if best[0] >= BETTER_RATIO * disagreement:
+        disagreement, visible = _colour_disagreement(warp, coarse_target, references)
+        smaller = []
+        for name, z in alternatives.items():
+            other, visible_there = _colour_disagreement(warp, replace(coarse_target, depth=z), references)
+            if other < BETTER_RATIO * disagreement and visible <= visible_there:
+                smaller.append((other, name))
+        if not smaller:
             return ""  # one view that the depth fits is enough
-        better = better or best[1]
+        better = better or min(smaller)[1]
     if empty and len(empty) == len(views):
         return f"the depth of {empty[0]} holds no finite positive value"
     return f"the depth is none of what the renders show ({better} fits better)" if better else ""
 
 
-def _colour_disagreement(warp: Reprojected, target: LoadedView, references: Sequence[LoadedView]) -> float:
-    """Mean colour difference of warped references to the render; infinite if they show less than a tenth of it."""
+def _colour_disagreement(
+    warp: Reprojected, target: LoadedView, references: Sequence[LoadedView]
+) -> tuple[float, frozenset[str]]:
+    """Mean colour difference of warped references to the render, and the names of those that show a tenth of it.
+
+    The difference is infinite if all together show less than a tenth.
+    """
     # Renders already have the target's exposure, so that colours are only matched where photos stand in for them.
     match_colour = warp.match_colour and any(reference.render is None for reference in references)
     fixed_depth_warp = replace(warp, depth="exact", photo_consistency=None, match_colour=match_colour)
     aligned = fixed_depth_warp(target, references, len(references))
     colours = aligned.references if aligned.renders is None else aligned.renders
     difference = (colours - target.image).abs().mean(1, keepdim=True) * aligned.visibility
-    if float(aligned.visibility.amax(0).mean()) < 0.1:
-        return float("inf")
-    return float(difference.sum() / aligned.visibility.sum())
+    shares = zip(aligned.names, aligned.visibility.mean((1, 2, 3)), strict=True)
+    visible = frozenset(name for name, share in shares if share >= LEAST_SHARE)
+    if float(aligned.visibility.amax(0).mean()) < LEAST_SHARE:
+        return float("inf"), visible
+    return float(difference.sum() / aligned.visibility.sum()), visible
 
 
 def _with_cameras(rendered: RenderedSet) -> tuple[RenderedSet, list[str]]:
@@ -200,7 +212,7 @@ def _depth_part(
     kind = reference_config.warp.depth if isinstance(reference_config.warp, Reprojected) else "as given"
     with_depth = [view for view in rendered.targets if view.read_depth is not None]
     if not with_depth:
-        return rendered, PlanItem("depth", False, NOT_GIVEN)
+        return rendered, PlanItem("depth", False, origin or NOT_GIVEN)
     why = SWITCHED_OFF if rules.depth == "none" else ""
     if rules.depth == "auto" and not rendered.own_depth:
         why = depth_mismatch_reason(pool, reference_config, with_depth[:: max(1, (len(with_depth) + 1) // 2)][:2])

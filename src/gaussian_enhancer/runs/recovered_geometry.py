@@ -97,7 +97,7 @@ class RecoveredGeometry:
     Args:
         rendered: the set; renders whose camera was not recovered have none, and such photos are left out.
         cameras: how cameras were recovered, or why they could not be; empty if they were given.
-        depth: how depth was recovered; empty if it was given or could not be recovered.
+        depth: how depth was recovered, or why it could not be although cameras were given; empty otherwise.
     """
 
     rendered: RenderedSet
@@ -181,10 +181,10 @@ def _read(rendered: RenderedSet, lacks_cameras: bool, folder: Path) -> Recovered
     seconds = {name: get_number(durations, name, f"{source} seconds") for name in (CAMERAS, DEPTH)}
     render_count, photo_count = len(rendered.targets), len(rendered.references)
     if not get_member(summary, "found", source):
+        if not lacks_cameras:
+            return RecoveredGeometry(rendered, "", f"depth is recovered from at least {MIN_PHOTOS} photos with cameras")
         attempt = f"structure from motion of {render_count} renders and {photo_count} photos"
-        return RecoveredGeometry(
-            rendered, f"{attempt} found no place that they share, {seconds[CAMERAS]:.0f} s" if lacks_cameras else ""
-        )
+        return RecoveredGeometry(rendered, f"{attempt} found no place that they share, {seconds[CAMERAS]:.0f} s")
     posed = _with_cameras(rendered, lacks_cameras, folder)
     targets = tuple(_with_depth(view, folder / DEPTH / f"{RENDER}_{i:05d}.npy") for i, view in enumerate(posed.targets))
     references = [_with_depth(v, folder / DEPTH / f"{PHOTO}_{i:05d}.npy") for i, v in enumerate(posed.references)]

@@ -139,7 +139,8 @@ def read_folder(
         references: folder of reference photos, or a capture, whose training photos and cameras are used.
         depth: folder of z depth maps (``.npy``, ``.npz``, 16-bit ``.png``), required for all renders and optional for
             references.
-        cameras: a ``cameras.json`` in 3DGS's list format that names renders and references.
+        cameras: a ``cameras.json`` in 3DGS's list format that names all renders; references that it does not name
+            have no camera.
         depth_scale: scene units per stored unit of depth.
         background: colour under transparent images.
         name: the set's name; the folder's where empty.
@@ -147,8 +148,8 @@ def read_folder(
             them has more pixels than the first render, are provided as ``read_fine_photo`` as well.
 
     Raises:
-        InputError: there are no renders or no references, the sizes of render, photo or depth differ, or a view has no
-            camera in ``cameras``.
+        InputError: there are no renders or no references, the sizes of render, photo or depth differ, or a render or
+            every reference has no camera in ``cameras``.
     """
     root = Path(renders)
     files = images_by_stem(root)
@@ -156,6 +157,8 @@ def read_folder(
     cameras_file = Path(cameras or "")
     named_cameras = cameras_by_stem(read_cameras(cameras_file), cameras_file) if cameras is not None else None
     depths = Path(depth) if depth is not None else None
+    if depths is not None and not depths.is_dir():
+        raise InputError(depths, "is no folder", "name the folder of depth maps")
     targets = []
     for stem, path in files.items():
         depth_reader = _depth_of(depths, stem, path, depth_scale, needed=True)
@@ -167,9 +170,10 @@ def read_folder(
     else:
         candidates = list_images(Path(references)) if references is not None else list(truth_photos.values())
         reference_files = [path for path in candidates if references is not None or path.stem not in files]
-        reference_views = tuple(
-            _reference(p, named_cameras, depths, depth_scale, cameras_file, background) for p in reference_files
-        )
+        reference_views = tuple(_reference(p, named_cameras, depths, depth_scale, background) for p in reference_files)
+        if named_cameras is not None and reference_views and not any(view.camera for view in reference_views):
+            received = f"names no camera for any photo, {reference_views[0].name} among them"
+            raise InputError(cameras_file, received, "add them or leave cameras out")
     if finer and any(_is_larger(view, targets[0]) for view in reference_views):
         reference_views = tuple(replace(view, read_fine_photo=view.read_photo) for view in reference_views)
     if not reference_views:
@@ -320,12 +324,11 @@ def _reference(
     listed: dict[str, Camera] | None,
     depths: Path | None,
     scale: float,
-    source: Path,
     background: Colour,
 ) -> RenderedView:
     size = read_header(path).size
     depth = _depth_of(depths, path.stem, path, scale, needed=False)
-    camera = _camera_of(listed, path.stem, path, source)
+    camera = None if listed is None else listed.get(path.stem)
     return RenderedView(
         path.name,
         None,

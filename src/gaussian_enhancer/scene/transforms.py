@@ -158,7 +158,7 @@ def _find_photo(folder: Path, listed: str) -> Path | None:
     path = folder / listed.replace("\\", "/")
     if path.is_file():
         return path
-    candidates = (path.with_name(path.name + ending) for ending in ENDINGS)
+    candidates = (path.with_name(path.name + ending) for ending in (*ENDINGS, *map(str.upper, ENDINGS)))
     return next((candidate for candidate in candidates if candidate.is_file()), None)
 
 
