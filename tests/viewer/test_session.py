@@ -7,6 +7,9 @@ import torch
 
 from gaussian_enhancer.align.references import read_target
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.high_resolution import attach_fine_photos
+from gaussian_enhancer.scene.rendered import RenderedSet
+from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.types import Camera, identity_camera
 from gaussian_enhancer.viewer.cameras import PageCamera
 from gaussian_enhancer.viewer.session import STAGE_CACHE_SIZE
@@ -148,6 +151,20 @@ def test_super_resolution_shows_a_picture_of_the_same_size(configured):
     assert view.render.shape == (3, 24, 32)
     assert view.enhanced is not None
     assert view.enhanced.shape == (3, 96, 128)
+
+
+def test_super_resolution_reads_the_fine_photos_of_the_capture(configured, monkeypatch):
+    def attach(_, rendered: RenderedSet) -> RenderedSet:
+        cameras = [view.camera.resized(4 * view.camera.height, 4 * view.camera.width) for view in rendered.references]
+        named = zip(rendered.references, cameras, strict=True)
+        photos = [Photo(view.name, camera, lambda: torch.rand(3, 192, 256)) for view, camera in named]
+        return attach_fine_photos(rendered, Scene("fine", tuple(photos), tuple(range(len(photos))), ()))
+
+    monkeypatch.setattr("gaussian_enhancer.viewer.source.attach_fine", attach)
+    session = open_session(configured("weights=sr_tiny"), CPU)
+    views = session.stage(session.initial_choice).pool.views
+    assert views
+    assert all(view.read_fine_photo is not None for view in views)
 
 
 @pytest.mark.parametrize(

@@ -103,34 +103,34 @@ class InputPaths:
         form = only_given(inputs, "enhance", "nothing to enhance", remedy)
         defaults = {field.name: field.default for field in fields(self)}
         refuse_without_effect((name for name in WITHOUT_EFFECT[form] if getattr(self, name) != defaults[name]), form)
+        attach_fine = self.attach_fine if fine else None
         if self.run is not None:
             rendered = _every_nth(read_run(self.run, self.step, capture=self.capture), self.every)
             step = run_steps(Path(self.run))[-1] if self.step is None else self.step
-            return self.with_fine_photos(Task(rendered, step), fine)
+            return with_fine_photos(Task(rendered, step), attach_fine)
         if self.gaussians is not None:
             if self.capture is None:
                 raise InputError("gaussians", "comes without its capture", "add scene=capture scene.path=FOLDER")
             rendered = render_capture(self.gaussians, self.capture, self.method, self.views, device, self.invalid)
             task = Task(_every_nth(rendered, self.every), depth="surface" if device == "cpu" else "expected")
-            return self.with_fine_photos(task, fine)
+            return with_fine_photos(task, attach_fine)
         references = self.capture if self.capture is not None else self.references
         folders = self.photos, references, self.depth, self.cameras
         rendered = read_folder(self.renders or "", *folders, depth_scale=self.depth_scale, finer=fine)
         return Task(_every_nth(rendered, self.every), depth="surface" if rendered.own_depth else "expected")
 
-    def with_fine_photos(self, task: Task, fine: bool) -> Task:
-        """Attach photos at 4 times the resolution if requested; if they are missing, a note states the reason.
 
-        Args:
-            task: task of a run or a splat.
-            fine: whether the photos are requested.
-        """
-        if not fine or self.attach_fine is None:
-            return task
-        try:
-            return replace(task, rendered=self.attach_fine(task.rendered))
-        except InputError as missing:
-            return replace(task, note=str(missing))
+def with_fine_photos(task: Task, attach: Callable[[RenderedSet], RenderedSet] | None) -> Task:
+    """Attach photos at 4 times the renders' resolution; if they are missing, a note states the reason.
+
+    Args:
+        task: task of a run or a splat.
+        attach: attaches the photos; None if they are not requested.
+    """
+    try:
+        return task if attach is None else replace(task, rendered=attach(task.rendered))
+    except InputError as missing:
+        return replace(task, note=str(missing))
 
 
 def refuse_input_folder(output: Path, rendered: RenderedSet) -> None:

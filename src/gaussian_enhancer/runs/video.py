@@ -21,7 +21,7 @@ from gaussian_enhancer.infer.validated_inputs import ValidatedInputs
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.runs import enhancement
 from gaussian_enhancer.runs.enhancement import prepare_enhancement, read_options
-from gaussian_enhancer.runs.inputs import InputPaths, Task, attach_fine
+from gaussian_enhancer.runs.inputs import Task, attach_fine, with_fine_photos
 from gaussian_enhancer.runs.path_surfaces import refuse_inside
 from gaussian_enhancer.runs.splat_source import open_splat_with_capture, splat_file
 from gaussian_enhancer.scene.camera_path import (
@@ -204,7 +204,7 @@ def read_path_task(cfg: DictConfig, device: str, fine: bool) -> tuple[CameraPath
     refuse_inside(path.cameras, capture.cameras, renderer, f"path={cfg.path}")
     rendered = capture.references_rendered_by(renderer)
     task = Task(rendered, depth="surface" if device == "cpu" else "expected")
-    task = InputPaths(attach_fine=partial(attach_fine, cfg)).with_fine_photos(task, fine)
+    task = with_fine_photos(task, partial(attach_fine, cfg) if fine else None)
     targets = tuple(renderer.target(f"path {frame_name(i)}", camera) for i, camera in enumerate(path.cameras))
     if path.clip is not None:
         targets = tuple(replace(view, read=partial(path.frame, i)) for i, view in enumerate(targets))

@@ -15,7 +15,7 @@ from gaussian_enhancer.infer.plan import AUTO, Rules
 from gaussian_enhancer.infer.validated_inputs import validate_inputs
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.runs.enhancement import read_options
-from gaussian_enhancer.runs.inputs import InputPaths, Task, attach_fine
+from gaussian_enhancer.runs.inputs import Task, attach_fine, with_fine_photos
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer
 from gaussian_enhancer.runs.splat_source import SplatWithCapture, open_splat_with_capture, splat_file
@@ -116,10 +116,10 @@ class _StageBuilder:
     def _with_photos(self, splat: str, fine: bool) -> Task:
         """Task of a splat: references, with high-resolution photos where ``fine`` is set, and one example target."""
         renderer, rendered = self._splat(splat)
+        # The capture has no photo of the example, which therefore comes after the photos.
+        task = Task(replace(rendered, targets=()), depth="surface" if self.device.type == "cpu" else "expected")
+        task = with_fine_photos(task, partial(attach_fine, self.cfg) if fine else None)
         example = renderer.target("view.png", self.capture.cameras[0])
-        example_set = replace(rendered, targets=(example,), own_depth=True)
-        task = Task(example_set, depth="surface" if self.device.type == "cpu" else "expected")
-        task = InputPaths(attach_fine=partial(attach_fine, self.cfg)).with_fine_photos(task, fine)
         return replace(task, rendered=replace(task.rendered, targets=(example,), own_depth=True))
 
 
