@@ -106,16 +106,27 @@ def build_and_load(build: Callable[[], _N], design: Mapping[str, Any], tensors: 
         path: the file, named in errors.
 
     Raises:
-        InputError: the design has more blocks than the file has tensors, or see `load_tensors`.
+        InputError: the design has more blocks than the file has tensors, names or shapes differ, a tensor's type is
+            none of `DTYPES`, or a value is not finite.
         KeyError, TypeError, ValueError: as raised by ``build`` for an unknown design.
     """
     depth = _blocks(design)
     if depth > len(tensors):
         raise InputError(path, f"has a design of {depth} blocks but {len(tensors)} tensors", REMEDY)
     with torch.device("meta"):
-        _check_tensors(build(), tensors, path)
+        expected = {name: value.shape for name, value in build().state_dict().items()}
+    stored = {name: value.shape for name, value in tensors.items()}
+    if expected != stored:
+        mismatch = sorted(set(expected.items()) ^ set(stored.items()))[0][0]
+        raise InputError(path, f"does not fit its own design at {mismatch}", REMEDY)
+    unsupported = sorted(str(value.dtype) for value in tensors.values() if value.dtype not in DTYPES)
+    if unsupported:
+        raise InputError(path, f"holds values of type {unsupported[0]}", REMEDY)
+    values = {name: value.float() for name, value in tensors.items()}
+    if not all(bool(torch.isfinite(value).all()) for value in values.values()):
+        raise InputError(path, "holds values that are not finite", REMEDY)
     network = build()
-    load_tensors(network, tensors, path)
+    network.load_state_dict(values)
     return network
 
 
@@ -127,35 +138,6 @@ def _blocks(design: Any) -> int:
     counts = [count for value in values for count in (value if isinstance(value, list) else [value])]
     nested = sum(_blocks(value) for value in design.values())
     return nested + sum(count for count in counts if isinstance(count, int))
-
-
-def _check_tensors(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
-    expected = {name: value.shape for name, value in network.state_dict().items()}
-    stored = {name: value.shape for name, value in tensors.items()}
-    if expected != stored:
-        mismatch = sorted(set(expected.items()) ^ set(stored.items()))[0][0]
-        raise InputError(path, f"does not fit its own design at {mismatch}", REMEDY)
-
-
-def load_tensors(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
-    """Load tensors into a network.
-
-    Args:
-        network: built from the design that the file states.
-        tensors: parameters and buffers by name.
-        path: the file, named in errors.
-
-    Raises:
-        InputError: names or shapes differ, a tensor's type is none of `DTYPES`, or a value is not finite.
-    """
-    _check_tensors(network, tensors, path)
-    unsupported = sorted(str(value.dtype) for value in tensors.values() if value.dtype not in DTYPES)
-    if unsupported:
-        raise InputError(path, f"holds values of type {unsupported[0]}", REMEDY)
-    values = {name: value.float() for name, value in tensors.items()}
-    if not all(bool(torch.isfinite(value).all()) for value in values.values()):
-        raise InputError(path, "holds values that are not finite", REMEDY)
-    network.load_state_dict(values)
 
 
 def checkpoint_digest(path: Path) -> str:

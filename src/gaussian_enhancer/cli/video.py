@@ -95,9 +95,10 @@ def _video_images(
     """Images of the video: each frame of the path, then the clip's frames without a camera, which are not enhanced."""
     for frame in _enhanced_frames(film, console, hidden):
         yield layout(film.shown_render(frame), frame.enhanced, frame.index / path.count)
-    for index in range(len(path.cameras), path.count):
-        image = film.enlarge(path.frame(index))
-        yield layout(image, image, index / path.count)
+    if path.clip is not None:
+        for index in range(len(path.cameras), path.count):
+            image = film.enlarge(path.clip.frame(index))
+            yield layout(image, image, index / path.count)
 
 
 def _enhanced_frames(film: Film, console: Console, hidden: bool) -> Iterator[Frame]:

@@ -10,7 +10,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from dataclasses import dataclass
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -23,20 +22,9 @@ RECORDS = (".jsonl", ".json")
 """File extensions of records."""
 
 
-@dataclass(frozen=True)
-class _HeldLock:
-    """A lock that this process holds.
-
-    Args:
-        lock: the lock.
-        created: folders that were created for the lock, innermost first; those that stay empty are removed again.
-    """
-
-    lock: FileLock
-    created: tuple[Path, ...]
-
-
-_held: dict[Path, _HeldLock] = {}
+_held: dict[Path, tuple[FileLock, tuple[Path, ...]]] = {}
+"""Locks of this process by file, each with the folders that were created for it, innermost first; those that stay empty
+are removed again."""
 _acquired: ContextVar[list[Path] | None] = ContextVar("_acquired", default=None)
 _waits: ContextVar[bool] = ContextVar("_waits", default=False)
 
@@ -60,7 +48,7 @@ def hold(path: Path) -> bool:
             pass
     except OSError as error:
         raise to_write_error(path, error) from error
-    _held[file] = _HeldLock(lock, created)
+    _held[file] = (lock, created)
     paths = _acquired.get()
     if paths is not None:
         paths.append(path)
@@ -73,15 +61,15 @@ def release(path: Path) -> None:
     Args:
         path: the same path as for `hold`.
     """
-    held_lock = _held.pop(_file(path), None)
-    if held_lock is None:
+    if _file(path) not in _held:
         return
+    lock, created = _held.pop(_file(path))
     with suppress(PermissionError):  # on Windows, which removes no open file: there, the release removes it
         # Before the release: a waiting process then creates a new file of that name.
         _file(path).unlink(missing_ok=True)
-    held_lock.lock.release()
+    lock.release()
     with suppress(OSError):
-        for folder in held_lock.created:
+        for folder in created:
             folder.rmdir()
 
 

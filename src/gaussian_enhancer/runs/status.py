@@ -72,7 +72,7 @@ def mark_running(folder: Path) -> None:
         "host": socket.gethostname(),
         "time": time.time(),
     }
-    _write(folder / RUNNING, process)
+    write_json(folder / RUNNING, process)
     started_folders = _started_folders.get()
     if started_folders is not None:
         started_folders.append(folder)
@@ -101,7 +101,7 @@ def track_runs(discard: bool = False) -> Iterator[None]:
                 if discard and isinstance(error, InputError | OSError) and holds_no_result(folder):
                     _discard_marks(folder)
                     continue
-                _write(folder / FAILED, {"error": f"{type(error).__name__}: {error}", "time": time.time()})
+                write_json(folder / FAILED, {"error": f"{type(error).__name__}: {error}", "time": time.time()})
             raise
         finally:
             for folder in _unfinished(folders):
@@ -169,7 +169,3 @@ def _read(mark: Path) -> dict[str, object]:
     except (OSError, ValueError) as error:
         raise InputError(mark, f"is not a status file ({error})", "delete it") from error
     return values if isinstance(values, dict) else {}
-
-
-def _write(mark: Path, values: dict[str, object]) -> None:
-    write_json(mark, values)

@@ -9,9 +9,7 @@ from pathlib import Path
 from typing import get_args
 
 import torch
-from jaxtyping import Float
 from omegaconf import DictConfig, open_dict
-from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import file_digest
@@ -70,19 +68,6 @@ class CameraPath:
     def count(self) -> int:
         """Number of frames. A clip's frames without a camera come after those with one."""
         return len(self.cameras) if self.clip is None else self.clip.count
-
-    def frame(self, index: int) -> Float[Tensor, "3 h w"]:
-        """A frame of the clip.
-
-        Args:
-            index: index of the frame, from 0.
-
-        Raises:
-            InputError: there is no clip, or it has no such frame.
-        """
-        if self.clip is None:
-            raise InputError(f"frame {index}", "is of no clip", "give input=VIDEO")
-        return self.clip.frame(index)
 
     @property
     def note(self) -> str:
@@ -207,7 +192,7 @@ def read_path_task(cfg: DictConfig, device: str, fine: bool) -> tuple[CameraPath
     task = with_fine_photos(task, partial(attach_fine, cfg) if fine else None)
     targets = tuple(renderer.target(f"path {frame_name(i)}", camera) for i, camera in enumerate(path.cameras))
     if path.clip is not None:
-        targets = tuple(replace(view, read=partial(path.frame, i)) for i, view in enumerate(targets))
+        targets = tuple(replace(view, read=partial(path.clip.frame, i)) for i, view in enumerate(targets))
     return path, replace(task, rendered=replace(task.rendered, targets=targets, own_depth=True))
 
 

@@ -7,7 +7,7 @@ renders in the order of its cameras, test cameras first. Sizes are compared, fro
 
 import os
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -27,16 +27,6 @@ BLACK: Colour = (0.0, 0.0, 0.0)
 WHITE: Colour = (1.0, 1.0, 1.0)
 OWN_RUN_FILES = ("config.yaml", "done")
 """Files that every finished run of this project's jobs holds and other programs' output lacks."""
-
-
-@dataclass(frozen=True)
-class _Folders:
-    """Folders of the images and depth maps of one split's views; None for missing folders."""
-
-    renders: Path
-    photos: Path | None = None
-    depth: Path | None = None
-    alpha: Path | None = None
 
 
 def run_steps(folder: Path, side: Literal["train", "test"] = "test") -> tuple[int, ...]:
@@ -100,12 +90,8 @@ def read_run(
     cameras = read_cameras(root / "cameras.json") if (root / "cameras.json").is_file() else ()
     test_stems, train_stems = _stems(test_folder), _stems(train_folder) if (train_folder / "renders").is_dir() else []
     test_cameras, train_cameras = _match(cameras, test_stems, train_stems, root / "cameras.json")
-    targets = _read_split(_find_folders(test_folder), test_cameras, background_colour)
-    references = (
-        _read_split(_find_folders(train_folder), train_cameras, background_colour)
-        if train_stems
-        else _references(capture)
-    )
+    targets = _read_split(test_folder, test_cameras, background_colour)
+    references = _read_split(train_folder, train_cameras, background_colour) if train_stems else _references(capture)
     if train_stems and not any(entry.split for entry in cameras):
         references = _rename_references(references)
     if any(view.read_photo is None for view in references):
@@ -218,11 +204,6 @@ def _stems(side: Path) -> list[str]:
     return list(images_by_stem(side / "renders"))
 
 
-def _find_folders(side: Path) -> _Folders:
-    optional_folders = (side / name for name in ("gt", "depth", "alpha"))
-    return _Folders(side / "renders", *(folder if folder.is_dir() else None for folder in optional_folders))
-
-
 def _match(
     cameras: tuple[ListedCamera, ...], test_stems: list[str], train_stems: list[str], source: Path
 ) -> tuple[dict[str, Camera], dict[str, Camera]]:
@@ -245,14 +226,17 @@ def _match(
     return test_cameras, dict(zip(train_stems, ordered_cameras[len(test_stems) :], strict=False))
 
 
-def _read_split(folders: _Folders, cameras: dict[str, Camera], background: Colour) -> tuple[RenderedView, ...]:
-    photos = {p.stem: p for p in list_images(folders.photos)} if folders.photos is not None else {}
+def _read_split(side: Path, cameras: dict[str, Camera], background: Colour) -> tuple[RenderedView, ...]:
+    """The views of a folder with ``renders`` and, where there are any, ``gt``, ``depth`` and ``alpha``."""
+    folders = (side / name for name in ("gt", "depth", "alpha"))
+    photos_folder, depths, alphas = (folder if folder.is_dir() else None for folder in folders)
+    photos = {p.stem: p for p in list_images(photos_folder)} if photos_folder is not None else {}
     views = []
-    for path in list_images(folders.renders):
-        if folders.photos is not None and path.stem not in photos:
-            raise InputError(folders.photos, f"has no photo for the render {path.name}", "render the run again")
-        depth = _depth_of(folders.depth, path.stem, path, 1.0, needed=True)
-        alpha = folders.alpha / f"{path.stem}.png" if folders.alpha is not None else None
+    for path in list_images(side / "renders"):
+        if photos_folder is not None and path.stem not in photos:
+            raise InputError(photos_folder, f"has no photo for the render {path.name}", "render the run again")
+        depth = _depth_of(depths, path.stem, path, 1.0, needed=True)
+        alpha = alphas / f"{path.stem}.png" if alphas is not None else None
         views.append(_view(path, photos.get(path.stem), depth, alpha, cameras.get(path.stem), background))
     return tuple(views)
 

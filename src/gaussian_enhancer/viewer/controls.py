@@ -85,17 +85,6 @@ class Controls:
         strength = float(self.strength.value)
         return SessionChoice(self._splat.value, self._weights.value, self._plan.value, count, strength)
 
-    def show_status(self, frame: int, picture: Float[Tensor, "3 _ _"], view: StageView, mode: Mode) -> None:
-        """Show run times and notes on a picture in the status text.
-
-        Args:
-            frame: number of the picture, from 1.
-            picture: the picture as it is shown.
-            view: the view that it shows.
-            mode: the mode that it was made by.
-        """
-        self.status.content = status(frame, picture, view, mode)
-
     def show_photo(self, image: np.ndarray, name: str) -> None:
         """Show the nearest photo.
 

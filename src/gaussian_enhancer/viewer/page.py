@@ -14,7 +14,7 @@ from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.types import Camera
 from gaussian_enhancer.viewer.cameras import PageCamera
-from gaussian_enhancer.viewer.controls import Controls
+from gaussian_enhancer.viewer.controls import Controls, status
 from gaussian_enhancer.viewer.modes import Mode
 from gaussian_enhancer.viewer.saved import SavedFiles, path_through_cameras
 from gaussian_enhancer.viewer.schedule import Worker
@@ -152,7 +152,7 @@ class Page:
         self._shown[client.client_id] = _ShownPicture(key, view, picture, camera, full)
         client.scene.set_background_image(to_bytes(picture), format="jpeg", jpeg_quality=QUALITY[full])
         self._frame += 1
-        self.controls.show_status(self._frame, picture, view, mode)
+        self.controls.status.content = status(self._frame, picture, view, mode)
         if full:
             self._show_photo(choice, view_camera)
         return True

@@ -27,11 +27,6 @@ def banding(view: View, strength: Float[Tensor, " b"], generators: Sequence[torc
     disks lie at nearly the same depth, 10% in front of the 60% quantile of the view's depth, so that nearer surfaces
     are not covered. Opacity is proportional to strength. Sizes and tones were set by comparison with the worst crops of
     training fits (`gaussian-enhancer artefact_sheet`).
-
-    Args:
-        view: views to degrade.
-        strength: strength for each sample, [0, 1].
-        generators: one for each sample.
     """
     height, width = view.image.shape[-2:]
     side = math.sqrt(height * width)

@@ -51,10 +51,7 @@ def blur(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.G
     small strengths. Standard deviations along the long axis reach 1 to 2.5 pixels at strength 1. The impulse is
     subtracted from each kernel before the convolution, so that strength 0 changes nothing on any device.
 
-    Args:
-        view: views to degrade; depth and opacity stay unchanged.
-        strength: strength for each sample, [0, 1].
-        generators: one for each sample.
+    Depth and opacity stay unchanged.
     """
     image = view.image
     batch, _, height, width = image.shape

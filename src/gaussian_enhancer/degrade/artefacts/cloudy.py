@@ -23,11 +23,6 @@ def cloudy(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch
 
     Standard deviations are 20 to 60% of the image's side sqrt(h w). A veil's opacity is proportional to the strength,
     and at most 0.4.
-
-    Args:
-        view: views to degrade.
-        strength: strength for each sample, [0, 1].
-        generators: one for each sample.
     """
     height, width = view.image.shape[-2:]
     random = uniform(0.0, 1.0, (9, VEILS), generators, view.image)

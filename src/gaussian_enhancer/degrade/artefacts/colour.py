@@ -66,10 +66,7 @@ def colour(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch
 
     Rounding has the straight-through gradient.
 
-    Args:
-        view: views to degrade; depth and opacity stay unchanged.
-        strength: strength for each sample, [0, 1].
-        generators: one for each sample.
+    Depth and opacity stay unchanged.
     """
     image = view.image
     variants = torch.stack(

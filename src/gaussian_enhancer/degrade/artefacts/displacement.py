@@ -66,11 +66,6 @@ def displacement(view: View, strength: Float[Tensor, " b"], generators: Sequence
 
     The jumps are the re-positioning of NeRFLiX (Zhou et al., CVPR 2023). The smooth field imitates the effect of splats
     at a wrong depth. Depth is sampled without interpolation: the mean of two surfaces' depths lies on neither.
-
-    Args:
-        view: views to degrade.
-        strength: strength for each sample, [0, 1].
-        generators: one for each sample.
     """
     offset = random_offset(strength, generators, view.image)
     moved = (offset != 0).any(dim=1, keepdim=True)

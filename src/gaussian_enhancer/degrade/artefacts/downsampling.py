@@ -84,10 +84,7 @@ def downsampling(view: View, strength: Float[Tensor, " b"], generators: Sequence
     along each axis, which serves the same purpose as NeRFLiX's random alignment of the stride. Both steps are linear
     and separable: each axis is multiplied by one matrix, which costs O(h w (h + w)).
 
-    Args:
-        view: views to degrade; depth and opacity stay unchanged.
-        strength: strength for each sample, [0, 1].
-        generators: one for each sample.
+    Depth and opacity stay unchanged.
     """
     image = view.image
     # Positions are in double precision: single precision would round some of them to another pixel.

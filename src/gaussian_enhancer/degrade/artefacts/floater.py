@@ -24,11 +24,6 @@ def floater(view: View, strength: Float[Tensor, " b"], generators: Sequence[torc
     Standard deviations along the long axis are 3 to 12% of the image's side sqrt(h w). Opacity is proportional to the
     strength. At strength 1 it is 0.15 to 0.9, and rarely large, since a fit removes blobs that are opaque in a training
     view.
-
-    Args:
-        view: views to degrade.
-        strength: strength for each sample, [0, 1].
-        generators: one for each sample.
     """
     height, width = view.image.shape[-2:]
     size, side = view.image.new_tensor([width, height]), math.sqrt(height * width)

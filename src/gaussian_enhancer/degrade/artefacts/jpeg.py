@@ -22,10 +22,7 @@ def jpeg(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.G
     Rounding is kornia's differentiable polynomial approximation (after Shin & Song, 2017), which rounds a little less
     than a real codec. Nothing is random.
 
-    Args:
-        view: views to degrade; depth and opacity stay unchanged.
-        strength: strength for each sample, [0, 1].
-        generators: not used.
+    Depth and opacity stay unchanged.
     """
     coded = jpeg_codec_differentiable(view.image, BEST + (WORST - BEST) * strength).clamp(0, 1)
     return fade_in(view, coded, strength)

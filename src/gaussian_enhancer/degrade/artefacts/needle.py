@@ -41,11 +41,6 @@ def needle(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch
     others are scattered. Each needle lies 1 to 12% in front of the surface at its centre. Opacity is proportional to
     strength. Numbers, sizes and tones were set by comparison with the worst crops of training fits
     (`gaussian-enhancer artefact_sheet`).
-
-    Args:
-        view: views to degrade.
-        strength: strength for each sample, [0, 1].
-        generators: one for each sample.
     """
     height, width = view.image.shape[-2:]
     count, side = min(max(height * width // AREA, 1), MAX_NEEDLES), math.sqrt(height * width)

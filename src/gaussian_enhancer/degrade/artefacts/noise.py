@@ -33,10 +33,7 @@ def noise(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.
     After NeRFLiX (Zhou et al., CVPR 2023), whose noise is white. Splats have an extent, so here a random share of the
     noise's variance, sin(t)^2, is correlated over one or two pixels.
 
-    Args:
-        view: views to degrade; depth and opacity stay unchanged.
-        strength: strength for each sample, [0, 1].
-        generators: one for each sample.
+    Depth and opacity stay unchanged.
     """
     image = view.image
     height, width = image.shape[-2:]

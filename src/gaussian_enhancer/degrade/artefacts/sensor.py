@@ -101,10 +101,7 @@ def sensor(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch
     Unprocessing, noise and processing follow Brooks et al. (CVPR 2019): see `CameraProcessing`, `random_processing` and
     `sensor_noise`. No gradient is passed through the noise, because the camera's curve is infinitely steep at black.
 
-    Args:
-        view: views to degrade; depth and opacity stay unchanged.
-        strength: strength for each sample, [0, 1].
-        generators: one for each sample.
+    Depth and opacity stay unchanged.
     """
     with torch.no_grad():
         camera = random_processing(generators, view.image)
