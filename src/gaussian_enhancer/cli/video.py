@@ -11,6 +11,7 @@ from torch import Tensor
 
 from gaussian_enhancer.console import hides_progress, print_line, progress_bar
 from gaussian_enhancer.errors import INTERRUPTED
+from gaussian_enhancer.runs.enhancement import mismatch_warnings
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
@@ -46,7 +47,8 @@ def run(cfg: DictConfig) -> None:
     cfg = apply_budget(cfg, load_video, device, console)
     video = prepare_video(cfg, device)
     output = read_output(cfg, video.path)
-    for line in filter(None, (video.task.note, *video.validated.missing_references, video.path.note)):
+    notes = video.task.note, *video.validated.missing_references, *mismatch_warnings(video.validated), video.path.note
+    for line in filter(None, notes):
         print_line(console, line)
     rendered = video.task.rendered
     job = open_run(naming_configuration(video), "video", f"{rendered.name}-{video.path.name}")
