@@ -15,7 +15,7 @@ from gaussian_enhancer.runs.instantiate import plain_values, require
 from gaussian_enhancer.scene.checksum import check_archive
 from gaussian_enhancer.scene.datasets import Archive, Dataset, dataset_of
 from gaussian_enhancer.scene.extract import unpack
-from gaussian_enhancer.scene.fetch import RetrySettings, fetch
+from gaussian_enhancer.scene.fetch import fetch
 from gaussian_enhancer.scene.requested import RequestedScene, checksum_note, listing, needed_archives, requested_scenes
 
 
@@ -66,7 +66,8 @@ def _fetch(cfg: DictConfig, dataset: Dataset, archive: Archive, path: Path, prog
         archive,
         path,
         page=dataset.page,
-        retry_settings=RetrySettings(retries=cfg.retries, timeout=cfg.timeout),
+        retries=cfg.retries,
+        timeout=cfg.timeout,
         advance=lambda done, total: progress.update(task, completed=done, total=total),
     )
     print_line(progress.console, f"{path}: SHA-256 {digest}, {checksum_note(archive)}")

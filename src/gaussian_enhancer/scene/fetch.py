@@ -9,7 +9,6 @@ import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
 
@@ -25,28 +24,15 @@ CONNECTION_ERRORS = (OSError, http.client.HTTPException)
 """Exceptions of a failed connection; the timeouts of urllib, ssl and the system are all OSError."""
 
 
-@dataclass(frozen=True)
-class RetrySettings:
-    """Retry limits and time-outs of a download.
-
-    Args:
-        retries: maximum number of consecutive attempts without new data; one more is an error.
-        pause: seconds before the next attempt, doubled for each consecutive attempt without new data, up to a minute.
-        timeout: seconds without a response or without data.
-    """
-
-    retries: int = 5
-    pause: int | float = 1.0
-    timeout: int | float = 60.0
-
-
 def fetch(
     archive: Archive,
     path: Path,
     *,
     page: str = "",
-    retry_settings: RetrySettings | None = None,
     advance: Advance | None = None,
+    retries: int = 5,
+    pause: int | float = 1.0,
+    timeout: int | float = 60.0,
 ) -> str:
     """Download an archive, verify it and move it to its final path.
 
@@ -54,8 +40,10 @@ def fetch(
         archive: description of the archive.
         path: final path; it is not created before the file is complete and its checksums are verified.
         page: address of its authors' page, for errors.
-        retry_settings: retry limits and time-outs.
         advance: progress callback.
+        retries: maximum number of consecutive attempts without new data; one more is an error.
+        pause: seconds before the next attempt, doubled for each consecutive attempt without new data, up to a minute.
+        timeout: seconds without a response or without data.
 
     Returns:
         The archive's SHA-256. It is also written to ``FILE.sha256`` beside the archive, and later copies are checked
@@ -65,9 +53,9 @@ def fetch(
         InputError: the server refuses the request or sends another file, the connection breaks too often, the disk is
             full, or another process is downloading the same file.
     """
-    retry_settings, report = retry_settings or RetrySettings(), advance or (lambda done, total: None)
+    report = advance or (lambda done, total: None)
     with _lock_part(path.with_name(f"{path.name}.part")) as partial_file:
-        transfer = Transfer(archive, path, partial_file, page, retry_settings.timeout, report)
+        transfer = Transfer(archive, path, partial_file, page, timeout, report)
         most_bytes, idle_attempts, reason = transfer.size, 0, ""
         while not transfer.complete:
             try:
@@ -77,11 +65,11 @@ def fetch(
                 reason = str(error) or type(error).__name__
             idle_attempts = 0 if transfer.size > most_bytes else idle_attempts + 1
             most_bytes = max(most_bytes, transfer.size)
-            if idle_attempts > retry_settings.retries and not transfer.complete:
+            if idle_attempts > retries and not transfer.complete:
                 received = f"broke off {idle_attempts} times in a row, {transfer.size} bytes are there ({reason})"
                 raise InputError(archive.url, received, "run the same command later; it resumes")
             if not transfer.complete:
-                time.sleep(min(60.0, retry_settings.pause * 2**idle_attempts))
+                time.sleep(min(60.0, pause * 2**idle_attempts))
         temporary = Path(str(partial_file.name))
         partial_file.close()  # Windows neither moves nor removes an open file
         try:
