@@ -262,7 +262,7 @@ class Batch(Movable):
         views: input of the network.
         photo: the desired output, at the render's size or, for super-resolution, 4 times as fine.
         names: names of the samples.
-        real: the fits' own renders if ``views.render`` was simulated; None if no sample was simulated.
+        real: the fits' own renders if ``views.render`` was simulated; None if there is no simulator.
     """
 
     views: NetworkInput

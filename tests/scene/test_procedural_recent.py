@@ -1,5 +1,8 @@
 """Rendered pictures are kept up to a size, and what is handed out can be changed without harm."""
 
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
 import torch
 
 from gaussian_enhancer.scene.procedural.recent import TensorCache
@@ -32,3 +35,15 @@ def test_never_keeps_what_is_too_large():
     recent.get("a", lambda: torch.zeros(10))
     assert not recent.tensors
     assert recent.size == 0
+
+
+def test_threads_that_make_the_same_picture_count_it_once():
+    recent, together = TensorCache(capacity=100), threading.Barrier(4)
+
+    def make() -> torch.Tensor:
+        together.wait()
+        return torch.zeros(10)
+
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(lambda _: recent.get("a", make), range(4)))
+    assert (list(recent.tensors), recent.size) == (["a"], 40)

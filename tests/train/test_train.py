@@ -1,4 +1,5 @@
 import json
+import shutil
 import signal
 from pathlib import Path
 
@@ -290,10 +291,20 @@ def test_draws_go_on_where_training_was_killed(seen):
 def test_what_cannot_be_trained_on_is_refused(plane_run, tmp_path):
     with pytest.raises(InputError, match="no run"):
         find_runs(str(tmp_path / "absent-*"))
+    shutil.copytree(plane_run, tmp_path / "run [v2]")
+    assert find_runs(str(tmp_path / "run [v2]")) == [tmp_path / "run [v2]"]
     reference_config = build(configured("data.train=[]", "data.validation=[]").reference_config)
     data = RunsData([str(plane_run)], [str(plane_run)], RunSamples(reference_config, tmp_path, progress=False))
     with pytest.raises(InputError, match="both trained and validated"):
         data.setup()
+
+
+def test_accumulated_gradients_are_refused(plane_run, other_plane_run, tmp_path):
+    from gaussian_enhancer.cli.train import run
+
+    options = settings(plane_run, other_plane_run, tmp_path, "+trainer.accumulate_grad_batches=2")
+    with pytest.raises(InputError, match="accumulate_grad_batches: is not supported"):
+        run(configured(*options))
 
 
 def test_snapshots_are_all_taken_unless_the_last_alone_is_asked_for(plane_run, other_plane_run, tmp_path):

@@ -104,7 +104,8 @@ def find_runs(pattern: str) -> list[Path]:
     Raises:
         InputError: no folder matches, or one is of an unfinished fit.
     """
-    runs = sorted(Path(folder) for folder in glob.glob(pattern, recursive=True) if run_steps(Path(folder)))
+    folders = [pattern] if Path(pattern).is_dir() else glob.glob(pattern, recursive=True)
+    runs = sorted(Path(folder) for folder in folders if run_steps(Path(folder)))
     if not runs:
         raise InputError(pattern, "names no run with held-out renders", "fit scenes first, or correct the pattern")
     for run in runs:

@@ -34,8 +34,10 @@ def make_trainer(cfg: DictConfig, job: Run, checkpoint: str, name: str = "", **o
         **overrides: options of the trainer that take precedence over the configuration.
 
     Raises:
-        InputError: a logger needs a package that is not installed.
+        InputError: a logger needs a package that is not installed, or gradients are to be accumulated.
     """
+    if cfg.trainer.get("accumulate_grad_batches", 1) != 1:  # samples and checkpoints are counted by steps
+        raise InputError("trainer.accumulate_grad_batches", "is not supported", "raise data.loading.batch_size")
     from lightning.pytorch.strategies import DDPStrategy
 
     from gaussian_enhancer.train.loggers import RunSetup, make_loggers

@@ -160,6 +160,9 @@ def test_survives_its_file_and_several_files_take_turns(tmp_path):
         assert AdaptiveGate.from_file(tmp_path / f"{i}.json", SWITCHES) == gate
     assert adaptive_gate(str(tmp_path / "0.json"), SWITCHES) == gates[0]
     mixed = adaptive_gate([str(tmp_path / "0.json"), str(tmp_path / "1.json")])
+    bracketed = tmp_path / "gates[1]" / "0.json"
+    gates[0].to_file(bracketed)
+    assert adaptive_gate(str(bracketed), SWITCHES) == gates[0]
     generator = torch.Generator().manual_seed(0)
     drawn = [mixed.draw(generator) for _ in range(1000)]
     first = sum(steps[0].type == "blur" for steps in drawn)
@@ -222,4 +225,6 @@ def test_refuses_no_file_and_a_file_that_is_not_there(tmp_path):
         adaptive_gate([])
     with pytest.raises(InputError, match="does not exist"):
         adaptive_gate(str(tmp_path / "none.json"))
+    with pytest.raises(InputError, match="names no file of a gate"):
+        adaptive_gate([str(tmp_path / "none*.json"), str(tmp_path / "0.json")])
     assert MixedGate((RandomGate(),)).draw(torch.Generator().manual_seed(1)) is not None

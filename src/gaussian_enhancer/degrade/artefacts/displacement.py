@@ -15,7 +15,7 @@ from gaussian_enhancer.degrade.artefacts.rng import normal, uniform
 from gaussian_enhancer.degrade.artefacts.view import View, per_sample
 
 SMOOTH_SIGMA = 1.2
-"""Standard deviation of the smooth displacement at strength 1, in pixels; it rarely exceeds 3 pixels."""
+"""Factor in pixels of the smooth field at strength 1, for a displacement with a standard deviation of 1.0 pixel."""
 
 CELL = 24
 JUMP_SHARE = 0.03
@@ -45,7 +45,7 @@ def displace(
 def random_offset(
     strength: Float[Tensor, " b"], generators: Sequence[torch.Generator], like: Float[Tensor, "b c h w"]
 ) -> Float[Tensor, "b 2 h w"]:
-    """A smooth displacement with a standard deviation of 1.2 pixels, plus jumps by whole pixels at 3% of the pixels.
+    """A smooth displacement with a standard deviation of 1.0 pixel, plus jumps by whole pixels at 3% of the pixels.
 
     These values hold for strength 1. The smooth displacement and the share of jumping pixels are proportional to the
     strength. A pixel that jumps at a small strength jumps by the same offset at a larger one.

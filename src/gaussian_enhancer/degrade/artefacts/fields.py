@@ -17,7 +17,7 @@ from gaussian_enhancer.degrade.artefacts.rng import normal
 def smooth_field(
     count: int, cell: int, height: int, width: int, generators: Sequence[torch.Generator], like: Tensor
 ) -> Float[Tensor, "b n h w"]:
-    """Fields of mean 0 and standard deviation about 1: normal random numbers on a coarse grid, enlarged bicubically.
+    """Fields of mean 0 and standard deviation about 0.86: normal random numbers on a coarse grid, enlarged bicubically.
 
     Args:
         count: number of fields.

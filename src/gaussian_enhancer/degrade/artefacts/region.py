@@ -55,6 +55,6 @@ def blend_in_region(view: View, degraded: View, region: Float[Tensor, "b 1 h w"]
     if view.depth is not None and degraded.depth is not None:
         # If one of the views has no depth at a pixel, depths cannot be mixed: take that of the larger weight.
         both_known = (view.depth > 0) & (degraded.depth > 0)
-        mixed = view.depth + region * (degraded.depth - view.depth)
+        mixed = torch.lerp(view.depth, degraded.depth, region)  # exact at both ends, whatever the depths
         depth = torch.where(both_known, mixed, torch.where(region > 0.5, degraded.depth, view.depth))
     return View(image, depth, alpha)

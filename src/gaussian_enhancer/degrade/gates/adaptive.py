@@ -177,11 +177,13 @@ def adaptive_gate(file: str | Sequence[str], types: Mapping[str, bool] | None = 
         InputError: a file is missing or malformed, a pattern matches no file, or a switch names no type.
     """
     patterns = [file] if isinstance(file, str) else list(file)
-    paths = [
-        path for pattern in patterns for path in (sorted(glob.glob(pattern)) if glob.has_magic(pattern) else [pattern])
-    ]
-    if not paths and patterns:
-        raise InputError(patterns[0], "names no file of a gate", "calibrate gates first, or correct the pattern")
+    paths: list[str] = []
+    for pattern in patterns:
+        is_pattern = glob.has_magic(pattern) and not Path(pattern).exists()
+        matches = sorted(glob.glob(pattern)) if is_pattern else [pattern]
+        if not matches:
+            raise InputError(pattern, "names no file of a gate", "calibrate gates first, or correct the pattern")
+        paths += matches
     gates = tuple(AdaptiveGate.from_file(path, types) for path in paths)
     return gates[0] if len(gates) == 1 else MixedGate(gates)
 

@@ -68,7 +68,7 @@ class ModulatedBlock(nn.Module):
 
 
 class FactorCombiner(nn.Module):
-    """L = DC(M, z) (paper, equation 6): a small U-net, modulated by z in every block, predicts how M is degraded.
+    """L = DC(M, z) (paper, equation 5): a small U-net, modulated by z in every block, predicts how M is degraded.
 
     DiffIR's transformer, which outputs an image, is replaced by a network that outputs parameters of a degradation: it
     displaces M by up to `REACH` pixels, scales the contrast of each octave of its detail by 0 to 2, and adds a tone and
