@@ -3,6 +3,7 @@
 Axes: b batch, h height, w width.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,9 +12,9 @@ import torch.nn.functional as F
 from lightning import LightningModule
 from torch import Tensor
 
-from gaussian_enhancer.degrade.artefacts.rng import spawn
+from gaussian_enhancer.degrade.artefacts.rng import spawn, uniform
 from gaussian_enhancer.degrade.generative.diffusion import Sampler
-from gaussian_enhancer.degrade.generative.factors import Factors
+from gaussian_enhancer.degrade.generative.factors import Factors, white_noise
 from gaussian_enhancer.degrade.generative.second_stage import SCHEDULES, FactorModel
 from gaussian_enhancer.degrade.generative.texture import texture_difference
 from gaussian_enhancer.errors import InputError
@@ -104,7 +105,7 @@ class PairedModule(_GeneratorModule):
         """Loss of a batch of crops."""
         manual, real, generators = self.prepare_batch(batch, self.global_step)
         factors = self.model.extractor(manual, real)
-        noisy_factors = factors.linear_combination(_white_noise(factors), 1.0, self.loss.noise)
+        noisy_factors = factors.linear_combination(white_noise(factors, generators), 1.0, self.loss.noise)
         output = self.model.combine(manual, noisy_factors, generators).float()
         self._update_scale(factors)
         with torch.autocast(self.device.type, enabled=False):
@@ -169,39 +170,36 @@ class DiffusedModule(_GeneratorModule):
 
     def training_step(self, batch: Batch, index: int) -> Tensor:
         """Loss of a batch of crops."""
-        manual, real, _ = self.prepare_batch(batch, self.global_step)
-        denoising = self._denoising_loss(manual, real)
+        denoising = self._denoising_loss(*self.prepare_batch(batch, self.global_step))
         self._log_values({"denoising": denoising}, batch)
         return denoising
 
     def validation_step(self, batch: Batch, index: int) -> None:
         """Log the denoising error, and how much closer sampled views are to R than M is."""
         manual, real, generators = self.prepare_batch(batch, index)
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(index)
-            self.log("left/denoising", self._denoising_loss(manual, real), batch_size=1)
+        self.log("left/denoising", self._denoising_loss(manual, real, generators), batch_size=1)
         sampled = self.model.sample(manual, self.sampler, generators)
         output = self.model.combine(manual, sampled, generators).float().clamp(0, 1)
         self.log("gain/diffused", _psnr_gain(manual, output, real), prog_bar=True, batch_size=1)
         self.log("texture/diffused", _texture_ratio(manual, output, real), prog_bar=True, batch_size=1)
 
-    def _denoising_loss(self, manual: Tensor, real: Tensor) -> Tensor:
+    def _denoising_loss(self, manual: Tensor, real: Tensor, generators: Sequence[torch.Generator]) -> Tensor:
         """Mean squared error of the predicted clean code at a random time, on standardised codes."""
         model = self.model
         with torch.no_grad():
             factors = model.extractor(manual, real)
             factors = Factors(factors.vector.float(), factors.grid.float())
-            clean = model.standardise(factors.linear_combination(_white_noise(factors), 1.0, self.loss.noise))
-        time = torch.rand(len(manual), device=manual.device)
+            clean = model.standardise(
+                factors.linear_combination(white_noise(factors, generators), 1.0, self.loss.noise)
+            )
+        time = uniform(0.0, 1.0, (), generators, manual)
         signal = SCHEDULES[model.design.schedule].signal(time)
-        noisy = clean.linear_combination(_white_noise(clean), signal, (1 - signal.square()).clamp_min(0).sqrt())
+        noisy = clean.linear_combination(
+            white_noise(clean, generators), signal, (1 - signal.square()).clamp_min(0).sqrt()
+        )
         predicted = model.denoiser(noisy, time, model.denoiser.features(manual))
         pairs = ((predicted.vector, clean.vector), (predicted.grid, clean.grid))
         return torch.stack([F.mse_loss(a.float(), b) for a, b in pairs if b.numel() > 0]).mean()
-
-
-def _white_noise(like: Factors) -> Factors:
-    return Factors(torch.randn_like(like.vector), torch.randn_like(like.grid))
 
 
 def _mean_square(factors: Factors) -> Tensor:
