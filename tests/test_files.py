@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import atomic_write, load_array, save_array
+from gaussian_enhancer.files import atomic_write, load_array, matching_paths, save_array
 
 
 def test_the_file_appears_when_the_block_ends(tmp_path: Path) -> None:
@@ -111,3 +111,12 @@ def test_several_arrays_are_refused_where_one_is_expected(tmp_path: Path) -> Non
     with pytest.raises(ValueError, match="holds several arrays"):
         load_array(tmp_path / "a.npz")
     assert load_array(tmp_path / "a.npz", lambda names: names[1]).tolist() == [1, 1]
+
+
+def test_patterns_match_and_paths_that_exist_are_taken_as_they_are(tmp_path: Path) -> None:
+    for name in ("b", "a", "run [v2]"):
+        (tmp_path / name).mkdir()
+    assert matching_paths(str(tmp_path / "?")) == [tmp_path / "a", tmp_path / "b"]
+    assert matching_paths(str(tmp_path / "run [v2]")) == [tmp_path / "run [v2]"]
+    assert matching_paths(str(tmp_path / "none*")) == []
+    assert matching_paths(str(tmp_path / "none")) == [tmp_path / "none"]

@@ -1,10 +1,10 @@
 """Finds the finished fits that a study measures, and the scenes that they were fitted to."""
 
-import glob
 from collections.abc import Sequence
 from pathlib import Path
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import matching_paths
 from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.runs.status import DONE
 from gaussian_enhancer.scene.renders import run_steps
@@ -24,7 +24,7 @@ def finished_runs(patterns: Sequence[str]) -> tuple[list[Path], list[Path]]:
     finished: set[Path] = set()
     unfinished: set[Path] = set()
     for pattern in patterns:
-        folders = [Path(path) for path in glob.glob(pattern) if Path(path).is_dir()]
+        folders = [path for path in matching_paths(pattern) if path.is_dir()]
         finished_here = {folder for folder in folders if (folder / DONE).is_file()}
         if not finished_here:
             raise InputError(pattern, "names no finished run", "fit first, or correct the pattern")

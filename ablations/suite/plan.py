@@ -16,6 +16,7 @@ from ablations.suite.method_runs import Runs, train_key
 from ablations.suite.time_estimates import Estimates
 from gaussian_enhancer.cli.train import naming_configuration
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import matching_paths
 from gaussian_enhancer.runs.run import find_run, run_digest
 from gaussian_enhancer.runs.status import NAMES, State, state_of
 from gaussian_enhancer.train.trainer import result_configuration
@@ -266,8 +267,6 @@ def _describe_missing_inputs(job: str, cfg: DictConfig, metrics: Set[str]) -> st
 
 def _missing_inputs_of(job: str, cfg: DictConfig, metrics: Set[str]) -> Iterator[str]:
     """Missing inputs that no run produces: a dataset, gates, a device, the backbone of a metric."""
-    import glob
-
     import torch
 
     if job == "fit":
@@ -275,7 +274,7 @@ def _missing_inputs_of(job: str, cfg: DictConfig, metrics: Set[str]) -> Iterator
     if job.startswith("train"):
         gates = (cfg.get("gate") or {}).get("file")
         for pattern in [gates] if isinstance(gates, str) else gates or ():
-            if not glob.glob(pattern):
+            if not any(path.exists() for path in matching_paths(pattern)):
                 yield f"no gate at {pattern}; make them with: nox -s simulator"
         if cfg.trainer.accelerator == "cuda" and not torch.cuda.is_available():
             yield "torch finds no CUDA device"

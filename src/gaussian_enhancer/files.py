@@ -3,6 +3,7 @@
 After a killed run, or on a full disk, there is either the old file or none.
 """
 
+import glob
 import hashlib
 import io
 import json
@@ -163,6 +164,16 @@ def write_json(path: str | Path, value: object, indent: int | None = None) -> No
         InputError: the file cannot be written.
     """
     write_text(path, json.dumps(value, indent=indent) + "\n")
+
+
+def matching_paths(pattern: str) -> list[Path]:
+    """The paths that a pattern such as ``runs/gates/*.json`` matches, in the order of their text.
+
+    A path that exists, and one without wildcards, is taken as it is. So a folder's name may contain brackets.
+    """
+    if Path(pattern).exists() or not glob.has_magic(pattern):
+        return [Path(pattern)]
+    return [Path(path) for path in sorted(glob.glob(pattern, recursive=True))]
 
 
 def file_digest(path: Path) -> str:

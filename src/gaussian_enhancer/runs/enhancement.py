@@ -154,7 +154,7 @@ def lost_references(enhancer: SetEnhancer, task: Task, validated: ValidatedInput
 def mismatch_warnings(validated: ValidatedInputs) -> list[str]:
     """A warning if the splat's renders of references are unlike their photos (`MATCHING_PSNR`), else nothing.
 
-    The three references nearest to the first target are compared; they are read for its enhancement anyway.
+    The three references nearest to the first target are compared. The pool keeps them for the enhancement.
 
     Args:
         validated: the validated inputs.
@@ -165,9 +165,10 @@ def mismatch_warnings(validated: ValidatedInputs) -> list[str]:
     values = [
         psnr(resize(view.image, *view.render.shape[-2:]), view.render) for view in views if view.render is not None
     ]
-    if not values or statistics.median(values) >= MATCHING_PSNR:
+    median = statistics.median(values) if values else MATCHING_PSNR
+    if median >= MATCHING_PSNR:
         return []
-    found = f"the splat's renders are unlike their photos (median PSNR {statistics.median(values):.1f} dB)"
+    found = f"the splat's renders are unlike their photos (median PSNR {median:.1f} dB)"
     return [f"{found}. It may be of another capture, in other coordinates, or over another background."]
 
 

@@ -61,12 +61,13 @@ def release(path: Path) -> None:
     Args:
         path: the same path as for `hold`.
     """
-    if _file(path) not in _held:
+    file = _file(path)
+    if file not in _held:
         return
-    lock, created = _held.pop(_file(path))
+    lock, created = _held.pop(file)
     with suppress(PermissionError):  # on Windows, which removes no open file: there, the release removes it
         # Before the release: a waiting process then creates a new file of that name.
-        _file(path).unlink(missing_ok=True)
+        file.unlink(missing_ok=True)
     lock.release()
     with suppress(OSError):
         for folder in created:

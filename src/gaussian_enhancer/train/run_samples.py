@@ -1,13 +1,13 @@
 """Preparation of training samples from fitted runs: selection of their renders, and cached warping of references."""
 
 import dataclasses
-import glob
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import matching_paths
 from gaussian_enhancer.runs.status import DONE
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import read_run, run_steps
@@ -104,8 +104,7 @@ def find_runs(pattern: str) -> list[Path]:
     Raises:
         InputError: no folder matches, or one is of an unfinished fit.
     """
-    folders = [pattern] if Path(pattern).is_dir() else glob.glob(pattern, recursive=True)
-    runs = sorted(Path(folder) for folder in folders if run_steps(Path(folder)))
+    runs = sorted(folder for folder in matching_paths(pattern) if run_steps(folder))
     if not runs:
         raise InputError(pattern, "names no run with held-out renders", "fit scenes first, or correct the pattern")
     for run in runs:

@@ -14,7 +14,7 @@ from gaussian_enhancer.degrade.artefacts.fields import smooth_field
 from gaussian_enhancer.degrade.artefacts.rng import normal, uniform
 from gaussian_enhancer.degrade.artefacts.view import View, per_sample
 
-SMOOTH_SIGMA = 1.2
+SMOOTH_FACTOR = 1.2
 """Factor in pixels of the smooth field at strength 1, for a displacement with a standard deviation of 1.0 pixel."""
 
 CELL = 24
@@ -56,7 +56,7 @@ def random_offset(
         like: a tensor with the size, dtype and device of the result.
     """
     height, width = like.shape[-2:]
-    smooth = SMOOTH_SIGMA * per_sample(strength) * smooth_field(2, CELL, height, width, generators, like)
+    smooth = SMOOTH_FACTOR * per_sample(strength) * smooth_field(2, CELL, height, width, generators, like)
     jumps = uniform(0.0, 1.0, (1, height, width), generators, like) < JUMP_SHARE * per_sample(strength)
     return smooth + jumps * (JUMP_SIGMA * normal((2, height, width), generators, like)).round()
 

@@ -1,6 +1,5 @@
 """The adaptive gate: probabilities and strengths of artefacts, calibrated to the errors of a scene's renders."""
 
-import glob
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,7 +21,7 @@ from gaussian_enhancer.degrade.gates.gate import (
     enabled_types,
 )
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import write_json
+from gaussian_enhancer.files import matching_paths, write_json
 from gaussian_enhancer.scene.json_file import get_member, get_number, read_json
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.splits import evenly_spaced
@@ -177,10 +176,9 @@ def adaptive_gate(file: str | Sequence[str], types: Mapping[str, bool] | None = 
         InputError: a file is missing or malformed, a pattern matches no file, or a switch names no type.
     """
     patterns = [file] if isinstance(file, str) else list(file)
-    paths: list[str] = []
+    paths: list[Path] = []
     for pattern in patterns:
-        is_pattern = glob.has_magic(pattern) and not Path(pattern).exists()
-        matches = sorted(glob.glob(pattern)) if is_pattern else [pattern]
+        matches = matching_paths(pattern)
         if not matches:
             raise InputError(pattern, "names no file of a gate", "calibrate gates first, or correct the pattern")
         paths += matches
