@@ -1,6 +1,7 @@
 import dataclasses
 import hashlib
 import json
+import shutil
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -229,3 +230,15 @@ def test_a_run_gives_at_most_so_many_views_spread_evenly(tmp_path_factory, other
     whole = RunsData([str(many)], [str(other_plane_run)], samples)
     whole.setup()
     assert len(whole.sources[0]) == 5
+
+
+@pytest.mark.parametrize(("side", "held_out"), [("test", True), ("train", False)])
+def test_renders_written_again_in_place_are_prepared_again(plane_run, tmp_path, side, held_out):
+    run = Path(shutil.copytree(plane_run, tmp_path / "run"))
+    samples = RunSamples(ReferenceConfig(references=1), tmp_path / "samples", progress=False)
+    prepare = samples.held_out if held_out else samples.training_views
+    first, again = (prepare(run, 1, lambda: None)[-1] for _ in range(2))
+    assert again.path == first.path
+    photo = next((run / side / "ours_100/gt").iterdir())
+    photo.write_bytes(photo.read_bytes())
+    assert prepare(run, 1, lambda: None)[-1].path != first.path

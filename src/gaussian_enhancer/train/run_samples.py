@@ -95,7 +95,10 @@ class RunSamples:
 
 
 def _identity(run: Path, step: int) -> str:
-    return f"{run.resolve()} {step} {(run / f'test/ours_{step}/renders').stat().st_mtime_ns}"
+    """A snapshot's folder, and when the last of its files was written: renders may be made again in place."""
+    paths = [path for side in ("test", "train") for path in (run / side / f"ours_{step}").rglob("*")]
+    newest = max(path.stat().st_mtime_ns for path in paths)
+    return f"{run.resolve()} {step} {newest}"
 
 
 def find_runs(pattern: str) -> list[Path]:
