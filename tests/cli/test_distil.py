@@ -25,7 +25,13 @@ from gaussian_enhancer.splat.io.open import read_splat
 from gaussian_enhancer.splat.io.ply import read_ply, write_ply
 from gaussian_enhancer.types import Gaussians
 from support.job_config import QUIET, job_config, run_job
-from support.synthetic_runs import coloured_sheet, copy_with_moved_splat, copy_with_splat, plane_camera
+from support.synthetic_runs import (
+    coloured_sheet,
+    copy_with_black_photos,
+    copy_with_moved_splat,
+    copy_with_splat,
+    plane_camera,
+)
 
 STEPS = 40
 CAMERAS = [plane_camera(index, 48, 64) for index in range(8)]
@@ -192,6 +198,14 @@ def test_a_splat_outside_the_training_views_is_refused(fitted, words, tmp_path):
     with pytest.raises(InputError, match=r"splat\.ply: has no Gaussian in any view of moved"):
         run(configured(*words, f"run={moved}", f"output={tmp_path / 'better'}"))
     assert not (tmp_path / "better").exists()
+
+
+def test_a_splat_unlike_its_photos_is_distilled_with_a_warning(fitted, words, tmp_path, capsys):
+    other = copy_with_black_photos(fitted, tmp_path / "other")
+    run(configured(*words))
+    assert "WARNING" not in capsys.readouterr().err
+    run(configured(*words, f"run={other}"))
+    assert "WARNING: the splat's renders are unlike their photos" in capsys.readouterr().err
 
 
 def test_pruning_alone_needs_no_weights_and_takes_the_floater(fitted, words, tmp_path, capsys):

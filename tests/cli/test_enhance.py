@@ -28,7 +28,7 @@ from gaussian_enhancer.types import Gaussians, quantise_8_bit
 from support.bright_weights import bright_network
 from support.failures import interrupt
 from support.job_config import job_config
-from support.synthetic_runs import plane_camera, write_plane_run
+from support.synthetic_runs import copy_with_black_photos, plane_camera, write_plane_run
 from support.textured_corner import write_corner
 
 
@@ -198,10 +198,7 @@ def test_depth_that_one_photo_cannot_give_is_said_so(plane_run, bright, tmp_path
 
 
 def test_a_splat_unlike_its_photos_is_enhanced_with_a_warning(plane_run, bright, tmp_path, capsys):
-    other = tmp_path / "other"
-    shutil.copytree(plane_run, other)
-    for path in (other / "train/ours_100/gt").iterdir():
-        write_image(path, 1 - read_photo(path))
+    other = copy_with_black_photos(plane_run, tmp_path / "other")
     run(configured(f"run={plane_run}", f"weights={bright}", f"output={tmp_path / 'out'}"))
     assert "WARNING" not in capsys.readouterr().err
     run(configured(f"run={other}", f"weights={bright}", f"output={tmp_path / 'out'}"))

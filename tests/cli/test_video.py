@@ -66,6 +66,15 @@ def test_a_run_becomes_a_video_and_another_layout_of_it_makes_no_frame_again(wor
     assert not list(folder.glob("*.part.*"))
 
 
+def test_frames_of_a_longer_video_in_the_folder_are_reported(words, tmp_path, capsys):
+    longer, output = tmp_path / "frames", f"output={tmp_path / 'frames'}"
+    run(configured(*words, "format=frames", "layout=wipe", output))
+    assert "WARNING" not in capsys.readouterr().err
+    run(configured(*words, "format=frames", "layout=wipe", output, f"frames={FRAMES - 2}"))
+    assert "also holds 2 frames of an earlier, longer video" in capsys.readouterr().err.replace("\n", " ")
+    assert len(images(longer)) == FRAMES
+
+
 def test_a_folder_of_frames_and_a_resumed_run_are_as_a_run_in_one_go(words, tmp_path, monkeypatch, capsys):
     run(configured(*words, "format=frames", "layout=wipe", f"output={tmp_path / 'whole'}"))
     whole = images(folder_of(tmp_path) / "frames")

@@ -87,13 +87,13 @@ def one_photo(sheet_run: Path, held_out: bool) -> Scene:
 def test_one_photo_is_enough_to_look_at_and_none_is_refused(sheet_run, monkeypatch):
     cfg = configured(f"gaussians={sheet_run / 'splat.ply'}", "scene=capture", "scene.path=x")
     monkeypatch.setattr("gaussian_enhancer.runs.splat_source.build", lambda _: one_photo(sheet_run, False))
-    session = open_session(cfg, torch.device("cpu"))
+    session = open_session(cfg, torch.device("cpu"), print)
     view = session.draw(session.initial_choice, session.cameras[0])
     assert view is not None
     assert view.references == (session.stage(session.initial_choice).pool.views[0].name,)
     monkeypatch.setattr("gaussian_enhancer.runs.splat_source.build", lambda _: one_photo(sheet_run, True))
     with pytest.raises(InputError, match="one: has no photo to refer to"):
-        open_session(cfg, torch.device("cpu"))
+        open_session(cfg, torch.device("cpu"), print)
 
 
 def test_it_serves_a_page_until_ctrl_c_and_loads_no_package_of_trainings(sheet_run, tmp_path):

@@ -10,6 +10,7 @@ import torch.nn.functional as F
 from PIL import Image
 
 from gaussian_enhancer.scene.cameras import write_cameras
+from gaussian_enhancer.scene.photos import read_photo
 from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.splat.io.ply import read_ply, write_ply
 from gaussian_enhancer.types import Camera, Gaussians, identity_camera
@@ -90,6 +91,14 @@ def copy_with_splat(run: Path, folder: Path, gaussians: Gaussians, name: str = "
     """A copy of a run with a splat in a file of this name."""
     shutil.copytree(run, folder)
     write_ply(folder / name, gaussians)
+    return folder
+
+
+def copy_with_black_photos(run: Path, folder: Path) -> Path:
+    """A copy of a run whose training photos are black and so unlike the splat's renders."""
+    shutil.copytree(run, folder)
+    for path in (folder / "train/ours_100/gt").iterdir():
+        _write(path, torch.zeros_like(read_photo(path)))
     return folder
 
 

@@ -36,4 +36,4 @@ def configured(viewed, bright) -> Callable[..., DictConfig]:
 
 @pytest.fixture
 def session(configured) -> Session:
-    return open_session(configured(), torch.device("cpu"))
+    return open_session(configured(), torch.device("cpu"), print)

@@ -103,7 +103,7 @@ class Opened:
 @pytest.fixture(scope="module")
 def page(browser, configured, viewed, tmp_path_factory) -> Iterator[Opened]:
     told: list[str] = []
-    session = open_session(configured(f"distilled={viewed / 'distilled.ply'}"), torch.device("cpu"))
+    session = open_session(configured(f"distilled={viewed / 'distilled.ply'}"), torch.device("cpu"), print)
     folder = tmp_path_factory.mktemp("saved") / "plane"
     settings = PageSettings(Mode("enhanced"), FULL, SMALL)
     with serve_page(session, SavedFiles(folder), settings, ("127.0.0.1", 0), told.append) as (_, address):

@@ -15,6 +15,7 @@ from gaussian_enhancer.viewer.cameras import PageCamera
 from gaussian_enhancer.viewer.session import STAGE_CACHE_SIZE
 from gaussian_enhancer.viewer.source import CONFIGURED_PLAN, DISTILLED, RAW, open_session
 from gaussian_enhancer.viewer.stage import StageView
+from support.synthetic_runs import copy_with_black_photos
 
 CPU = torch.device("cpu")
 
@@ -123,10 +124,10 @@ def test_stages_are_kept_and_the_oldest_is_dropped(session):
 
 
 def test_another_splat_of_the_same_capture_brings_its_own_renders(configured, viewed):
-    session = open_session(configured(f"distilled={viewed / 'distilled.ply'}"), CPU)
+    session = open_session(configured(f"distilled={viewed / 'distilled.ply'}"), CPU, print)
     assert session.choices.splats == (RAW, DISTILLED)
     assert session.initial_choice.splat == DISTILLED
-    assert open_session(configured(f"distilled={viewed}"), CPU).choices.splats == (RAW, DISTILLED)
+    assert open_session(configured(f"distilled={viewed}"), CPU, print).choices.splats == (RAW, DISTILLED)
     raw = dataclasses.replace(session.initial_choice, splat=RAW)
     distilled_view, raw_view = drawn(session, looking(0.0)), drawn(session, looking(0.0), raw)
     assert float((distilled_view.render - raw_view.render).abs().mean()) > 0.01
@@ -136,17 +137,17 @@ def test_another_splat_of_the_same_capture_brings_its_own_renders(configured, vi
 
 
 def test_what_is_offered(configured):
-    session = open_session(configured("plan.margin=8", "strength=0.25", "max_references=2"), CPU)
+    session = open_session(configured("plan.margin=8", "strength=0.25", "max_references=2"), CPU, print)
     assert list(session.choices.plans) == [CONFIGURED_PLAN, "auto", "full"]
     assert session.choices.plans[CONFIGURED_PLAN].margin == 8
     assert session.initial_choice.strength == session.strength(session.initial_choice) == 0.25
     assert session.initial_choice.max_references == 2
     assert set(session.choices.weights) >= {"lr_tiny", "sr_tiny", session.initial_choice.weights}
-    assert list(open_session(configured("plan=full"), CPU).choices.plans) == ["full", "auto"]
+    assert list(open_session(configured("plan=full"), CPU, print).choices.plans) == ["full", "auto"]
 
 
 def test_super_resolution_shows_a_picture_of_the_same_size(configured):
-    session = open_session(configured("weights=sr_tiny"), CPU)
+    session = open_session(configured("weights=sr_tiny"), CPU, print)
     view = drawn(session, looking(0.0).resized(96, 128))
     assert view.render.shape == (3, 24, 32)
     assert view.enhanced is not None
@@ -161,10 +162,23 @@ def test_super_resolution_reads_the_fine_photos_of_the_capture(configured, monke
         return attach_fine_photos(rendered, Scene("fine", tuple(photos), tuple(range(len(photos))), ()))
 
     monkeypatch.setattr("gaussian_enhancer.viewer.source.attach_fine", attach)
-    session = open_session(configured("weights=sr_tiny"), CPU)
+    session = open_session(configured("weights=sr_tiny"), CPU, print)
     views = session.stage(session.initial_choice).pool.views
     assert views
     assert all(view.read_fine_photo is not None for view in views)
+
+
+def test_what_is_wrong_with_the_photos_is_said_once(configured, viewed, tmp_path):
+    notes: list[str] = []
+    session = open_session(configured("weights=sr_tiny"), CPU, notes.append)
+    session.stage(dataclasses.replace(session.initial_choice, plan="full"))
+    assert len(notes) == 1
+    assert notes[0].startswith("raw: ")
+    assert "config.yaml: does not exist" in notes[0]
+    notes.clear()
+    open_session(configured(f"run={copy_with_black_photos(viewed, tmp_path / 'other')}"), CPU, notes.append)
+    assert len(notes) == 1
+    assert "raw: the splat's renders are unlike their photos" in notes[0]
 
 
 @pytest.mark.parametrize(
@@ -181,4 +195,4 @@ def test_super_resolution_reads_the_fine_photos_of_the_capture(configured, monke
 )
 def test_what_cannot_be_used_is_refused_before_a_page_is_served(configured, words, message):
     with pytest.raises(InputError, match=message):
-        open_session(configured(*words), CPU)
+        open_session(configured(*words), CPU, print)

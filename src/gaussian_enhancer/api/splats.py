@@ -1,6 +1,7 @@
 """`distil_splat`: distil a splat from Python."""
 
 import shutil
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +70,8 @@ def distil_splat(
         scene = open_capture(scene, downscale=downscale)
     splat, capture = find_splat_and_capture(run, gaussians, scene if isinstance(scene, Scene) else None)
     task = distil_task(splat, capture, distil_settings, prune, method=method, device=target_device)
+    for warning in task.mismatch_warnings():
+        warnings.warn(warning, stacklevel=2)
     enhancer, provenance = None, f"{file_digest(splat)}, {prune}"
     if task.makes_views:
         enhancer = enhancer_of_new_views(task, weights, enhancement_options, target_device)

@@ -56,6 +56,8 @@ def distil_run(cfg: DictConfig) -> Run:
     job = open_run(naming_configuration(cfg, task), "distil", task.capture.name)
     console = Console(stderr=True)
     if not job.done:
+        for warning in task.mismatch_warnings():
+            print_line(console, f"WARNING: {warning}")
         with status.discard_if_refused(job.folder):
             _run_distillation(job, task, enhancer, cfg, console)
     psnr_before, psnr_after = held_out_psnr(job.folder)

@@ -81,6 +81,9 @@ def _write(film: Film, path: CameraPath, output: VideoOutput, folder: Path, cons
         for index, image in enumerate(images):
             if destination != film.folder.folder or index >= len(film.stored):
                 write_image(destination / frame_name(index), image)
+        surplus = sum(file.name > frame_name(path.count - 1) for file in destination.glob("frame_*.png"))
+        if surplus:
+            print_line(console, f"WARNING: {destination} also holds {surplus} frames of an earlier, longer video")
         return destination
     container = output.encoding.container
     with VideoWriter(folder / f"{layout.kind}.part.{container}", output.encoding, *layout.size(*film.size)) as writer:

@@ -31,7 +31,7 @@ def run(cfg: DictConfig) -> None:
     load_viser()
     settings = PageSettings(Mode(cfg.show, float(cfg.wipe)), cfg.width, cfg.moving_width)
     refuse_taken(cfg.host, cfg.port)
-    session = open_session(cfg, start(cfg.runtime))
+    session = open_session(cfg, start(cfg.runtime), log)
     saved = SavedFiles(Path(cfg.output) if cfg.output else Path(cfg.runs) / "view" / session.name)
     try:
         with serve_page(session, saved, settings, (cfg.host, cfg.port), log) as (page, address):

@@ -10,6 +10,7 @@ from pathlib import Path
 import torch
 from omegaconf import DictConfig, open_dict
 
+from gaussian_enhancer.align.references import ReferencePool
 from gaussian_enhancer.checkpoint import find_checkpoint
 from gaussian_enhancer.distil.distil import distil
 from gaussian_enhancer.distil.prune import PruneResult, PruneSettings, prune
@@ -21,13 +22,14 @@ from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.validated_inputs import validate_inputs
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.runs.arguments import only_given, refuse_without_effect
-from gaussian_enhancer.runs.enhancement import read_options
+from gaussian_enhancer.runs.enhancement import read_options, unlike_photos
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer, open_renderer, refuse_unseen
 from gaussian_enhancer.runs.splat_source import splat_file
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Photo, Scene
+from gaussian_enhancer.scene.splits import evenly_spaced
 from gaussian_enhancer.splat.io.result_folders import find_splat
 from gaussian_enhancer.splat.io.small_files import check_format
 from gaussian_enhancer.types import Gaussians
@@ -58,6 +60,11 @@ class DistilTask:
     def makes_views(self) -> bool:
         """Whether enhanced views are made."""
         return self.settings is not None and self.settings.share > 0
+
+    def mismatch_warnings(self) -> list[str]:
+        """What `unlike_photos` warns of three training views."""
+        pool = ReferencePool([self.renderer.reference(photo) for photo in evenly_spaced(self.capture.train_photos, 3)])
+        return unlike_photos(map(pool.read, range(len(pool.views))))
 
 
 def read_distil_task(cfg: DictConfig, device: torch.device) -> DistilTask:

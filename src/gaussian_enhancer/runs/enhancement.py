@@ -2,6 +2,7 @@
 
 import copy
 import statistics
+from collections.abc import Iterable
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import torch
 from omegaconf import DictConfig, open_dict
 
-from gaussian_enhancer.align.alignment import Reprojected
+from gaussian_enhancer.align.alignment import LoadedView, Reprojected
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
@@ -152,19 +153,26 @@ def lost_references(enhancer: SetEnhancer, task: Task, validated: ValidatedInput
 
 
 def mismatch_warnings(validated: ValidatedInputs) -> list[str]:
-    """A warning if the splat's renders of references are unlike their photos (`MATCHING_PSNR`), else nothing.
+    """What `unlike_photos` warns of the three references nearest to the first target.
 
-    The three references nearest to the first target are compared. The pool keeps them for the enhancement.
+    The pool keeps them for the enhancement.
 
     Args:
         validated: the validated inputs.
     """
     config, pool = validated.reference_config, validated.pool
     nearest = choose_references(validated.rendered.targets[0], pool.views, 3) if config.references else ()
-    views = [pool.read(index, config.fine) for index in nearest]
-    values = [
-        psnr(resize(view.image, *view.render.shape[-2:]), view.render) for view in views if view.render is not None
-    ]
+    return unlike_photos(pool.read(index, config.fine) for index in nearest)
+
+
+def unlike_photos(references: Iterable[LoadedView]) -> list[str]:
+    """A warning if the splat's renders of references are unlike their photos (`MATCHING_PSNR`), else nothing.
+
+    Args:
+        references: photos with the splat's renders of their views; those without a render are not compared.
+    """
+    pairs = [(view.image, view.render) for view in references if view.render is not None]
+    values = [psnr(resize(photo, *render.shape[-2:]), render) for photo, render in pairs]
     median = statistics.median(values) if values else MATCHING_PSNR
     if median >= MATCHING_PSNR:
         return []

@@ -1,5 +1,6 @@
 """Creation of the viewer's session from the configuration of the job ``view``."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
@@ -14,13 +15,14 @@ from gaussian_enhancer.infer.path_references import PathReferences
 from gaussian_enhancer.infer.plan import AUTO, Rules
 from gaussian_enhancer.infer.validated_inputs import validate_inputs
 from gaussian_enhancer.infer.weights import load_weights
-from gaussian_enhancer.runs.enhancement import read_options
+from gaussian_enhancer.runs.enhancement import read_options, unlike_photos
 from gaussian_enhancer.runs.inputs import Task, attach_fine, with_fine_photos
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer
 from gaussian_enhancer.runs.splat_source import SplatWithCapture, open_splat_with_capture, splat_file
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.scene import Photo
+from gaussian_enhancer.scene.splits import evenly_spaced
 from gaussian_enhancer.viewer.session import Choices, Session, SessionChoice
 from gaussian_enhancer.viewer.stage import Stage
 
@@ -29,12 +31,13 @@ CONFIGURED_PLAN = "given"
 """Name of a plan that is neither `auto` nor `full`."""
 
 
-def open_session(cfg: DictConfig, device: torch.device) -> Session:
+def open_session(cfg: DictConfig, device: torch.device, notify: Callable[[str], None]) -> Session:
     """Create the session and build its first stage, so that invalid input is refused before a page is served.
 
     Args:
         cfg: configuration of the job ``view``.
         device: where splats are rendered and networks run.
+        notify: called with what the user should know of the input, once for each splat.
 
     Raises:
         InputError: the input cannot be read, weights are missing, or an option is out of range.
@@ -46,7 +49,7 @@ def open_session(cfg: DictConfig, device: torch.device) -> Session:
     initial_splat = DISTILLED if cfg.distilled is not None else RAW
     initial_choice = SessionChoice(initial_splat, str(cfg.weights), next(iter(plans)), cfg.max_references, strength)
     choices = Choices(tuple(files), _weights(initial_choice.weights), plans)
-    stages = _StageBuilder(cfg, device, capture, files, plans)
+    stages = _StageBuilder(cfg, device, capture, files, plans, notify)
     session = Session(_capture_name(capture), capture.cameras, choices, initial_choice, stages.open)
     session.stage(initial_choice)
     return session
@@ -61,6 +64,7 @@ class _StageBuilder:
         capture: cameras and photos of the capture.
         files: files of splats by name.
         plans: rules of plans by name.
+        notify: called with what the user should know of a splat or its photos.
     """
 
     def __init__(
@@ -70,10 +74,12 @@ class _StageBuilder:
         capture: SplatWithCapture,
         files: dict[str, Path],
         plans: dict[str, Rules],
+        notify: Callable[[str], None],
     ) -> None:
         self.cfg, self.device, self.capture, self.files, self.plans = cfg, device, capture, files, plans
+        self.notify = notify
         self._splat = cache(self._read)
-        self._pool = cache(lambda splat, fine: ReferencePool(self._task(splat, fine).rendered.references))
+        self._pool = cache(self._read_pool)
         self._task = cache(self._with_photos)
 
     def open(self, choice: SessionChoice) -> Stage:
@@ -112,6 +118,15 @@ class _StageBuilder:
             return renderer, rendered
         photos = (Photo(view.name, view.camera, view.read_photo) for view in rendered.references)  # type: ignore[arg-type]
         return renderer, replace(rendered, references=tuple(map(renderer.reference, photos)))
+
+    def _read_pool(self, splat: str, fine: bool) -> ReferencePool:
+        """References of a splat. The user is told what is wrong with them."""
+        task = self._task(splat, fine)
+        pool = ReferencePool(task.rendered.references)
+        views = [pool.read(index) for index in evenly_spaced(range(len(pool.views)), 3)]
+        for note in filter(None, (task.note, *unlike_photos(views))):
+            self.notify(f"{splat}: {note}")
+        return pool
 
     def _with_photos(self, splat: str, fine: bool) -> Task:
         """Task of a splat: references, with high-resolution photos where ``fine`` is set, and one example target."""
