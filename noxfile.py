@@ -210,8 +210,8 @@ def weights(session: nox.Session) -> None:
 def quality(session: nox.Session) -> None:
     """Measure the shipped weights: docs/results/quality.md (needs the captures); resumes after a kill.
 
-    `-- heldout=test` measures the frozen test scenes, `-- heldout=converged` and `converged_long` validation captures
-    after 4,000 and 15,000 steps; `-- comparison=equal_budget` compares networks trained alike.
+    `-- heldout=test` measures the frozen test scenes, `-- heldout=converged_long` fits of 15,000 steps of validation
+    captures; `-- comparison=equal_budget` compares networks trained alike.
     """
     install(session)
     session.run("gaussian-enhancer", "quality", *session.posargs)

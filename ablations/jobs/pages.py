@@ -24,7 +24,6 @@ SCALE = "desk"
 JOBS = (
     ("quality", "records_only=true"),
     ("quality", "heldout=test", "records_only=true"),
-    ("quality", "heldout=converged", "records_only=true"),
     ("quality", "heldout=converged_long", "records_only=true"),
     ("quality", "comparison=equal_budget", "records_only=true"),
     ("plan_study", "records_only=true"),
