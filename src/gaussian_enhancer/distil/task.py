@@ -29,7 +29,6 @@ from gaussian_enhancer.runs.splat_source import splat_file
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Photo, Scene
-from gaussian_enhancer.scene.splits import evenly_spaced
 from gaussian_enhancer.splat.io.result_folders import find_splat
 from gaussian_enhancer.splat.io.small_files import check_format
 from gaussian_enhancer.types import Gaussians
@@ -63,8 +62,7 @@ class DistilTask:
 
     def mismatch_warnings(self) -> list[str]:
         """What `unlike_photos` warns of three training views."""
-        pool = ReferencePool([self.renderer.reference(photo) for photo in evenly_spaced(self.capture.train_photos, 3)])
-        return unlike_photos(map(pool.read, range(len(pool.views))))
+        return unlike_photos(ReferencePool([self.renderer.reference(photo) for photo in self.capture.train_photos]))
 
 
 def read_distil_task(cfg: DictConfig, device: torch.device) -> DistilTask:

@@ -2,7 +2,7 @@
 
 import copy
 import statistics
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,8 @@ from typing import Any
 import torch
 from omegaconf import DictConfig, open_dict
 
-from gaussian_enhancer.align.alignment import LoadedView, Reprojected
+from gaussian_enhancer.align.alignment import Reprojected
+from gaussian_enhancer.align.references import ReferencePool
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
@@ -24,6 +25,7 @@ from gaussian_enhancer.runs.recovered_geometry import RecoveryProgress, lacks_ge
 from gaussian_enhancer.runs.runtime import choose_device
 from gaussian_enhancer.scene.neighbours import choose_references
 from gaussian_enhancer.scene.photos import resize
+from gaussian_enhancer.scene.splits import evenly_spaced
 
 MATCHING_PSNR = 12.0
 """Least PSNR in dB between photos and a splat's renders of the same views. Between seven fits and the captures of each
@@ -162,16 +164,20 @@ def mismatch_warnings(validated: ValidatedInputs) -> list[str]:
     """
     config, pool = validated.reference_config, validated.pool
     nearest = choose_references(validated.rendered.targets[0], pool.views, 3) if config.references else ()
-    return unlike_photos(pool.read(index, config.fine) for index in nearest)
+    return unlike_photos(pool, nearest, config.fine)
 
 
-def unlike_photos(references: Iterable[LoadedView]) -> list[str]:
+def unlike_photos(pool: ReferencePool, indices: Sequence[int] | None = None, fine: bool = False) -> list[str]:
     """A warning if the splat's renders of references are unlike their photos (`MATCHING_PSNR`), else nothing.
 
     Args:
-        references: photos with the splat's renders of their views; those without a render are not compared.
+        pool: photos with the splat's renders of their views; those without a render are not compared.
+        indices: of the references that are compared; None takes three, evenly spaced.
+        fine: read them so that the pool keeps their finer photos readable as well.
     """
-    pairs = [(view.image, view.render) for view in references if view.render is not None]
+    chosen = evenly_spaced(range(len(pool.views)), 3) if indices is None else indices
+    views = [pool.read(index, fine) for index in chosen]
+    pairs = [(view.image, view.render) for view in views if view.render is not None]
     values = [psnr(resize(photo, *render.shape[-2:]), render) for photo, render in pairs]
     median = statistics.median(values) if values else MATCHING_PSNR
     if median >= MATCHING_PSNR:

@@ -22,7 +22,6 @@ from gaussian_enhancer.runs.rendered_capture import SplatRenderer
 from gaussian_enhancer.runs.splat_source import SplatWithCapture, open_splat_with_capture, splat_file
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.scene import Photo
-from gaussian_enhancer.scene.splits import evenly_spaced
 from gaussian_enhancer.viewer.session import Choices, Session, SessionChoice
 from gaussian_enhancer.viewer.stage import Stage
 
@@ -79,7 +78,7 @@ class _StageBuilder:
         self.cfg, self.device, self.capture, self.files, self.plans = cfg, device, capture, files, plans
         self.notify = notify
         self._splat = cache(self._read)
-        self._pool = cache(self._read_pool)
+        self._pool = cache(lambda splat, fine: ReferencePool(self._task(splat, fine).rendered.references))
         self._task = cache(self._with_photos)
 
     def open(self, choice: SessionChoice) -> Stage:
@@ -114,19 +113,12 @@ class _StageBuilder:
         """Open a splat: return its renderer, and the set of photos with the splat's renders of their views."""
         renderer = self.capture.renderer(self.cfg, self.device.type, self.files[splat])
         rendered = self.capture.references_rendered_by(renderer)
-        if splat == RAW or self.capture.scene is not None:
-            return renderer, rendered
-        photos = (Photo(view.name, view.camera, view.read_photo) for view in rendered.references)  # type: ignore[arg-type]
-        return renderer, replace(rendered, references=tuple(map(renderer.reference, photos)))
-
-    def _read_pool(self, splat: str, fine: bool) -> ReferencePool:
-        """References of a splat. The user is told what is wrong with them."""
-        task = self._task(splat, fine)
-        pool = ReferencePool(task.rendered.references)
-        views = [pool.read(index) for index in evenly_spaced(range(len(pool.views)), 3)]
-        for note in filter(None, (task.note, *unlike_photos(views))):
-            self.notify(f"{splat}: {note}")
-        return pool
+        if splat != RAW and self.capture.scene is None:
+            photos = (Photo(view.name, view.camera, view.read_photo) for view in rendered.references)  # type: ignore[arg-type]
+            rendered = replace(rendered, references=tuple(map(renderer.reference, photos)))
+        for warning in unlike_photos(ReferencePool(rendered.references)):
+            self.notify(f"{splat}: {warning}")
+        return renderer, rendered
 
     def _with_photos(self, splat: str, fine: bool) -> Task:
         """Task of a splat: references, with high-resolution photos where ``fine`` is set, and one example target."""
@@ -134,6 +126,8 @@ class _StageBuilder:
         # The capture has no photo of the example, which therefore comes after the photos.
         task = Task(replace(rendered, targets=()), depth="surface" if self.device.type == "cpu" else "expected")
         task = with_fine_photos(task, partial(attach_fine, self.cfg) if fine else None)
+        if task.note:
+            self.notify(f"{splat}: {task.note}")
         example = renderer.target("view.png", self.capture.cameras[0])
         return replace(task, rendered=replace(task.rendered, targets=(example,), own_depth=True))
 
