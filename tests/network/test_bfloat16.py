@@ -56,6 +56,12 @@ def merge(views, seen, trust):
     return found.references, found.visibility, found.reference_renders, together
 
 
+def far_colours(views):
+    """References and their renders far outside [0, 1], on either side."""
+    photos, renders = (50 * (images - 0.5) for images in (views.references, views.reference_renders))
+    return dataclasses.replace(views, references=photos, reference_renders=renders)
+
+
 def part(name):
     """A call of a part: of the tensors that it takes, as it does within a network."""
     fusion, modulation = shaken(TrustFusion(CHANNELS)), shaken(DepthModulation(CHANNELS))
@@ -78,6 +84,7 @@ def part(name):
         "gather": lambda t: gather(views),
         "gather without renders": lambda t: gather(example(renders=False)),
         "gather without depth": lambda t: gather(example(depth=False)),
+        "gather far colours": lambda t: gather(far_colours(views)),
         "compose": lambda t: compose(t(decoded), views, trust),
         "compose without renders": lambda t: compose(t(decoded), example(renders=False), trust),
         "shrink": lambda t: average_views(views).references,
@@ -93,6 +100,7 @@ def part(name):
 
 NAMES = [
     "fuse", "fuse pooled", "modulate", "decode", "combine", "gather", "gather without renders", "gather without depth",
+    "gather far colours",
     "compose", "compose without renders", "shrink", "enlarge by 2", "enlarge by 4", "merge", "merge nearly nothing",
     "tail", "tail without references",
 ]  # fmt: skip
@@ -115,6 +123,26 @@ def test_a_fused_part_is_as_near_to_single_precision_as_its_twin(name) -> None:
 
 def flat(found):
     return torch.cat([one.float().flatten() for one in (found if isinstance(found, tuple) else (found,))])
+
+
+@pytest.mark.parametrize("name", ["modulate", "combine"])
+def test_two_images_are_fused_as_one_is(name) -> None:
+    """Bit for bit: the same kernels and convolutions compute one image and two."""
+    half, images = (HEIGHT // 2, WIDTH // 2), noise(2, 3, HEIGHT, WIDTH)
+    if name == "modulate":
+        module, depth = shaken(DepthModulation(CHANNELS)), 1 + noise(2, 1, HEIGHT, WIDTH)
+        inputs = features(2, CHANNELS, *half).bfloat16(), depth, torch.tensor([1.5, 0.5])
+    else:
+        module = shaken(Combination(1, 8, CHANNELS))
+        inputs = images, images.flip(-1), noise(2, 11, *half) - 0.5
+
+    def call(*values):
+        return module(*values) if name == "modulate" else module(*values[:2], values[2:])
+
+    with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16):
+        both = call(*inputs)
+        for i in range(2):
+            assert torch.equal(call(*(values[i : i + 1] for values in inputs))[0], both[i])
 
 
 def test_kernels_are_for_plain_images_without_a_gradient() -> None:

@@ -39,6 +39,23 @@ def test_the_second_sees_what_the_first_makes_within_the_evidence():
         torch.testing.assert_close(network(seen), second(dataclasses.replace(seen, render=image)))
 
 
+def test_images_stay_in_single_precision_between_the_networks(monkeypatch):
+    """So that rounding does not decide on which side of a limit a colour lies."""
+    received = []
+
+    def spied(image, *arguments, **options):
+        received.append(image.dtype)
+        return clamp_to_references(image, *arguments, **options)
+
+    monkeypatch.setattr("gaussian_enhancer.network.cascade.clamp_to_references", spied)
+    network, seen = Cascade(trained(SSIFLR, **SMALL), trained(SSIFSR, **SMALL)), fine_views()
+    exact = network(seen)
+    half = network.half()(seen.map_images(lambda image, _: image.half()))
+    assert received == [torch.float32, torch.float32]
+    assert half.dtype == torch.float16
+    torch.testing.assert_close(half.float(), exact, rtol=0, atol=1e-2)
+
+
 def test_gradients_reach_both():
     network = Cascade(trained(SSIFLR, **SMALL), trained(SSIFSR, **SMALL))
     network(fine_views()).square().mean().backward()

@@ -181,6 +181,18 @@ def test_a_batch_is_its_samples(learning):
         torch.testing.assert_close(network(alone), network(seen)[sample : sample + 1], rtol=0, atol=1e-5)
 
 
+@pytest.mark.parametrize("kind", ["SIF", "SSIFLR", "SSIFSR", "Cascade"])
+def test_hidden_references_of_any_size_do_not_overflow(kind):
+    network = trained(small, kind)
+    seen = views_for(network)
+    hidden = dataclasses.replace(seen, visibility=torch.zeros_like(seen.visibility))
+    huge = dataclasses.replace(
+        hidden, references=hidden.references * 0 + 6e4, reference_renders=hidden.references * 0 - 6e4
+    )
+    with torch.no_grad(), torch.autocast("cpu", torch.float16):
+        torch.testing.assert_close(network(huge), network(hidden), rtol=0, atol=2e-3)
+
+
 @pytest.mark.parametrize("absent", [("depth", "depth_unit"), ("alpha",), ("reference_renders",), ("fine_references",)])
 def test_what_is_optional_may_be_absent(name, absent):
     network = trained(small, name)

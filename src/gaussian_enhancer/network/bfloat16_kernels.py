@@ -72,8 +72,11 @@ def _pack_row(row, shift, result, place):
 
 @kernel
 @no_type_check
-def pack_references(photos, renders, visibility, has_renders, result):
-    """Write photo - 1/2, visibility, photo - render and a flag, pixel-unshuffled by 2, as (r, i, j, 16) words."""
+def pack_references(photos, renders, visibility, has_renders, low, high, result):
+    """Write photo - 1/2, visibility, photo - render and a flag, pixel-unshuffled by 2, as (r, i, j, 16) words.
+
+    Photos and renders are clamped to the range from ``low`` to ``high``.
+    """
     count, _, height, width = photos.shape
     flag = pack_pair(has_renders, has_renders)
     for row in prange(count * (height // 2)):
@@ -83,10 +86,14 @@ def pack_references(photos, renders, visibility, has_renders, result):
             for a in range(2):
                 y = 2 * i + a
                 for c in range(3):
-                    first, second = photos[n, c, y, x], photos[n, c, y, x + 1]
+                    first = min(max(photos[n, c, y, x], low), high)
+                    second = min(max(photos[n, c, y, x + 1], low), high)
                     result[n, i, j, 2 * c + a] = pack_pair(first - _HALF, second - _HALF)
-                    residual = first - renders[n, c, y, x], second - renders[n, c, y, x + 1]
-                    result[n, i, j, 8 + 2 * c + a] = pack_pair(has_renders * residual[0], has_renders * residual[1])
+                    first_residual = first - min(max(renders[n, c, y, x], low), high)
+                    second_residual = second - min(max(renders[n, c, y, x + 1], low), high)
+                    result[n, i, j, 8 + 2 * c + a] = pack_pair(
+                        has_renders * first_residual, has_renders * second_residual
+                    )
                 result[n, i, j, 6 + a] = pack_pair(visibility[n, 0, y, x], visibility[n, 0, y, x + 1])
                 result[n, i, j, 14 + a] = flag
 

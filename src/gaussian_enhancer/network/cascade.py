@@ -12,7 +12,7 @@ from torch import Tensor
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.network.colour_clamping import check_window, clamp_to_references
 from gaussian_enhancer.network.network import Network
-from gaussian_enhancer.types import NetworkInput
+from gaussian_enhancer.types import NetworkInput, single_precision
 
 
 class Cascade(Network):
@@ -53,8 +53,15 @@ class Cascade(Network):
         self.stride = math.lcm(first.stride, second.stride)
 
     def stages(self, views: NetworkInput) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
-        """The first network's image, then the images of all scales of the second."""
-        enhanced = self.first(dataclasses.replace(views, fine_references=None)).to(views.render.dtype)
+        """The first network's image, then the images of all scales of the second.
+
+        Images are in single precision between the networks, since the gradient of clamping depends on the side of a
+        limit on which a colour lies.
+        """
+        dtype = views.render.dtype
+        views = views.map_images(lambda image, _: single_precision(image))
+        enhanced = self.first(dataclasses.replace(views, fine_references=None))
         if self.colour_clamping:
             enhanced = clamp_to_references(enhanced, views, self.colour_clamping, clamp_unseen=True)
-        return enhanced, *self.second.stages(dataclasses.replace(views, render=enhanced))
+        finer = self.second.stages(dataclasses.replace(views, render=enhanced))
+        return tuple(image.to(dtype) for image in (enhanced, *finer))

@@ -68,29 +68,33 @@ class Combination(nn.Module):
         """
         height, width = fine.shape[-2:]
         half_size = [_resize(values, height // 2, width // 2) for values in coarser]
-        if len(fine) == 1 and fine.dtype == torch.float32 and can_fuse(fine, render, *half_size):
+        if fine.dtype == torch.float32 and can_fuse(fine, render, *half_size):
             return self._combine_compiled(fine, render, half_size)
-        x = F.relu(self.join(torch.cat([F.pixel_unshuffle(fine - render, 2), *half_size], dim=1)))
+        x = torch.cat([F.pixel_unshuffle(fine - render, 2), *half_size], dim=1)
+        x = F.relu(self.join(x.to(self.join.weight.dtype)))
         x = self.head(self.block(x)).to(fine.dtype)
         change = sum(x[:, 12 + k : 13 + k] * values[:, :3].to(fine.dtype) for k, values in enumerate(half_size))
         return fine + F.interpolate(change, scale_factor=2, mode="bilinear") + F.pixel_shuffle(x[:, :12], 2)
 
     def _combine_compiled(
         self,
-        fine: Float[Tensor, "1 3 h w"],
-        render: Float[Tensor, "1 3 h w"],
-        coarser_scales: Sequence[Float[Tensor, "1 d _ _"]],
-    ) -> Float[Tensor, "1 3 h w"]:
-        """Compiled version of `forward` for one image, where `can_fuse` holds."""
+        fine: Float[Tensor, "b 3 h w"],
+        render: Float[Tensor, "b 3 h w"],
+        coarser_scales: Sequence[Float[Tensor, "b d _ _"]],
+    ) -> Float[Tensor, "b 3 h w"]:
+        """Compiled version of `forward`, where `can_fuse` holds."""
         from gaussian_enhancer.network.bfloat16_kernels import combine, pack_combination
 
-        coarser, images = plane(torch.cat(list(coarser_scales), dim=1)[0]), (plane(fine[0]), plane(render[0]))
-        joined, result = empty_features(1, 12 + len(coarser), *coarser.shape[1:]), torch.empty(fine.shape)
+        step, coarser = coarser_scales[0].shape[1], plane(torch.cat(list(coarser_scales), dim=1))
+        images = list(zip(plane(fine), plane(render), coarser, strict=True))
+        joined, result = empty_features(len(fine), 12 + coarser.shape[1], *coarser.shape[2:]), torch.empty(fine.shape)
         with kernel_lock:
-            pack_combination(*images, coarser, kernel_words(joined)[0])
+            for inputs, words in zip(images, kernel_words(joined), strict=True):
+                pack_combination(*inputs, words)
         decoded = convolution(self.block(convolution(joined, self.join, relu=True)), self.head)
         with kernel_lock:
-            combine(images[0], kernel_words(decoded)[0], coarser, coarser_scales[0].shape[1], result[0].numpy())
+            for (image, _, values), words, combined in zip(images, kernel_words(decoded), result, strict=True):
+                combine(image, words, values, step, combined.numpy())
         return result
 
 

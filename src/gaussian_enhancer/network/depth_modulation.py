@@ -50,8 +50,8 @@ class DepthModulation(nn.Module):
         if depth is None:
             return features
         unit = depth_unit(depth) if unit is None else unit
-        if len(depth) == 1 and features.dtype == torch.bfloat16 and can_fuse(features, depth):
-            return self._modulate_compiled(features, depth, float(unit))
+        if features.dtype == torch.bfloat16 and can_fuse(features, depth):
+            return self._modulate_compiled(features, depth, unit)
         inverse = normalised_inverse_depth(depth, unit)
         known_depth = usable_depth(depth).to(inverse.dtype)
         x = pixel_unshuffle(torch.cat([inverse, known_depth], dim=1).to(self.stem.weight.dtype))
@@ -60,18 +60,19 @@ class DepthModulation(nn.Module):
         return features + share * (features * scale + shift)
 
     def _modulate_compiled(
-        self, features: Float[Tensor, "1 c i j"], depth: Float[Tensor, "1 1 h w"], unit: float
-    ) -> Float[Tensor, "1 c i j"]:
-        """Compiled version of `forward` for one image, where `can_fuse` holds."""
+        self, features: Float[Tensor, "b c i j"], depth: Float[Tensor, "b 1 h w"], unit: Float[Tensor, " b"]
+    ) -> Float[Tensor, "b c i j"]:
+        """Compiled version of `forward`, where `can_fuse` holds."""
         from gaussian_enhancer.network.bfloat16_kernels import modulate, pack_depth
 
-        size = features.shape[-2:]
-        planes, share = empty_features(1, 8, *size), torch.empty(1, *size)
-        limits = np.float32(unit), np.float32(FARTHEST_DEPTH)
+        batch, size = len(features), features.shape[-2:]
+        planes, share = empty_features(batch, 8, *size), torch.empty(batch, *size)
+        images = plane(depth[:, 0]), plane(unit), kernel_words(planes, np.uint32), share.numpy()
         with kernel_lock:
-            pack_depth(plane(depth[0, 0]), *limits, kernel_words(planes, np.uint32)[0], share[0].numpy())
+            for image, length, words, usable in zip(*images, strict=True):
+                pack_depth(image, length, np.float32(FARTHEST_DEPTH), words, usable)
         hidden = convolution(convolution(planes, self.stem, relu=True), self.widen, relu=True)
-        modulation, result = convolution(hidden, self.modulate), empty_features(1, *features.shape[1:])
+        modulation, result = convolution(hidden, self.modulate), empty_features(*features.shape)
         with kernel_lock:
             modulate(kernel_words(features), kernel_words(modulation), share.numpy(), kernel_words(result))
         return result

@@ -12,6 +12,9 @@ from gaussian_enhancer.network.bfloat16 import can_fuse, empty_features, kernel_
 from gaussian_enhancer.network.block import Block
 from gaussian_enhancer.network.halving import pixel_unshuffle
 
+COLOURS = -1.0, 2.0
+"""Range to which the colours of references are clamped before they are encoded; images are within [0, 1]."""
+
 
 class Encoder(nn.Module):
     """F[image]: a pixel-unshuffle by 2, which loses no detail, a convolution and residual blocks.
@@ -44,14 +47,24 @@ class Encoder(nn.Module):
         if extra_planes is None and can_fuse(image, mask):
             return self.features(pack_input(image, mask, -0.5))
         planes = [image - 0.5, mask] + ([] if extra_planes is None else [extra_planes])
-        if torch.is_autocast_enabled(image.device.type):  # the stem's cast, done earlier to halve the copies
-            planes = [plane.to(torch.get_autocast_dtype(image.device.type)) for plane in planes]
-        return self.features(pixel_unshuffle(torch.cat(planes, dim=1)))
+        dtype = computing_dtype(self.stem)  # the cast is done before the copies, to halve them
+        return self.features(pixel_unshuffle(torch.cat([plane.to(dtype) for plane in planes], dim=1)))
 
     def features(self, planes: Float[Tensor, "b _ i j"]) -> Float[Tensor, "b c i j"]:
         """Encode planes that are already pixel-unshuffled by 2."""
         encoded: Tensor = self.blocks(self.stem(planes))
         return encoded
+
+
+def computing_dtype(layer: nn.Conv2d) -> torch.dtype:
+    """The type in which a convolution computes: that of autocast, or else that of its weights."""
+    device = layer.weight.device.type
+    return torch.get_autocast_dtype(device) if torch.is_autocast_enabled(device) else layer.weight.dtype
+
+
+def limit_colours(image: Float[Tensor, "*b h w"]) -> Float[Tensor, "*b h w"]:
+    """Clamp an image to `COLOURS`. References may hold anything where they are hidden, and it must not overflow."""
+    return image.clamp(*COLOURS)
 
 
 def pack_input(

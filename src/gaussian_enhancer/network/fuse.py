@@ -76,7 +76,9 @@ class TrustFusion(nn.Module):
         # Summed over one reference at a time, to avoid a tensor of all references' products.
         shares = weights.to(values.dtype)[:, :, :, None]
         fused_values = sum((shares[:, i] * values[:, i] for i in range(1, count)), start=shares[:, 0] * values[:, 0])
-        return target + self.project(fused_values.flatten(1, 2)), weights.mean(2, keepdim=True)
+        # Heads are joined as the last axis, since `flatten(1, 2)` gives one image strides that are not channels-last.
+        joined = fused_values.permute(0, 3, 4, 1, 2).flatten(3).permute(0, 3, 1, 2)
+        return target + self.project(joined), weights.mean(2, keepdim=True)
 
     def _compare(
         self,

@@ -17,6 +17,7 @@ from gaussian_enhancer.network.block import Block
 from gaussian_enhancer.network.decode import Decoder, pixel_shuffle, upsample_with_skip
 from gaussian_enhancer.network.deform import Unrefined
 from gaussian_enhancer.network.depth_modulation import DepthModulated
+from gaussian_enhancer.network.encode import computing_dtype, limit_colours
 from gaussian_enhancer.network.fuse import Trust, weighted_sum
 from gaussian_enhancer.network.halving import halve, pixel_unshuffle
 from gaussian_enhancer.network.initialisation import zero_initialise
@@ -195,8 +196,8 @@ class Middle(nn.Module):
         """
         if photos.shape[1] == 0:
             return photos.new_zeros(len(photos), 0, self.head.in_channels, *visibility.shape[-2:])
-        dtype = _computing_dtype(photos)
-        x = pixel_unshuffle(photos.flatten(0, 1).to(dtype) - 0.5)
+        dtype = computing_dtype(self.encode_reference)
+        x = pixel_unshuffle(limit_colours(photos.flatten(0, 1)).to(dtype) - 0.5)
         features = self.encode_reference(torch.cat([x, visibility.flatten(0, 1).to(dtype)], dim=1))
         return features.unflatten(0, photos.shape[:2])
 
@@ -244,18 +245,22 @@ class Tail(nn.Module):
             views: the base and the merged reference, or no reference.
             trust: trust of the merged reference.
         """
-        features = upsample_with_skip(features, self.read(_pack_merged(views, trust)))
+        merged = _pack_merged(views, trust, computing_dtype(self.read))
+        features = upsample_with_skip(features, self.read(merged))
         return pixel_shuffle(self.head(self.blocks(features)))
 
 
-def _pack_merged(views: NetworkInput, trust: Float[Tensor, "b _ 1 i j"]) -> Float[Tensor, "b 25 i j"]:
+def _pack_merged(
+    views: NetworkInput, trust: Float[Tensor, "b _ 1 i j"], dtype: torch.dtype
+) -> Float[Tensor, "b 25 i j"]:
     """Difference of the merged reference from the base, the base, and the reference's trust, pixel-unshuffled.
 
     Args:
         views: the base and the merged reference, or no reference.
         trust: trust of the merged reference.
+        dtype: of the result.
     """
-    base, dtype = views.render, _computing_dtype(views.render)
+    base = views.render
     if views.references.shape[1] and can_fuse(base, views.references, views.visibility, trust):
         return _pack_compiled(views, trust)
     residual, trust_sum = torch.zeros_like(base), base.new_zeros(len(base), 1, *trust.shape[-2:])
@@ -343,12 +348,6 @@ def _merge_compiled(
             outputs = mean[b], mask[b, 0], soft[b], trust_sum[b, 0]
             merge(*(plane(image) for image in inputs), *(image.numpy() for image in outputs))
     return NetworkInput(base, mean[:, None], mask[:, None], reference_renders=soft[:, None]), trust_sum[:, None]
-
-
-def _computing_dtype(image: Tensor) -> torch.dtype:
-    """The type in which convolutions compute; conversion before copies of features halves their cost."""
-    kind = image.device.type
-    return torch.get_autocast_dtype(kind) if torch.is_autocast_enabled(kind) else image.dtype
 
 
 def _upsample_2x(planes: Float[Tensor, "b r c i j"]) -> Float[Tensor, "b r c h w"]:

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from gaussian_enhancer.network.bfloat16 import can_fuse, empty_features, kernel_lock, kernel_words, plane
-from gaussian_enhancer.network.encode import Encoder
+from gaussian_enhancer.network.encode import COLOURS, Encoder, limit_colours
 from gaussian_enhancer.network.halving import halve
 from gaussian_enhancer.types import NetworkInput
 
@@ -65,10 +65,10 @@ class Gather(nn.Module):
             return references.new_zeros(len(references), 0, self.encode_render.channels, height // 2, width // 2)
         if self.reference_renders and can_fuse(references, visibility, views.reference_renders):
             return self.encode_reference.features(_pack_references(views)).unflatten(0, references.shape[:2])
-        extra_planes = None
+        references, extra_planes = limit_colours(references), None
         if self.reference_renders:
             renders = views.reference_renders
-            residual = torch.zeros_like(references) if renders is None else references - renders
+            residual = torch.zeros_like(references) if renders is None else references - limit_colours(renders)
             flag = torch.full_like(visibility, float(renders is not None))
             extra_planes = torch.cat([residual, flag], dim=2).flatten(0, 1)
         features = self.encode_reference(references.flatten(0, 1), visibility.flatten(0, 1), extra_planes)
@@ -103,5 +103,5 @@ def _pack_references(views: NetworkInput) -> Float[Tensor, "n 32 i j"]:
     result = empty_features(len(photos), 32, photos.shape[-2] // 2, photos.shape[-1] // 2)
     images = plane(photos), plane(renders), plane(visibility)
     with kernel_lock:
-        pack_references(*images, np.float32(has_renders), kernel_words(result, np.uint32))
+        pack_references(*images, np.float32(has_renders), *map(np.float32, COLOURS), kernel_words(result, np.uint32))
     return result
