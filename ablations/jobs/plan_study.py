@@ -37,7 +37,7 @@ from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import read_run
 
 WORLDS = {
-    "test": "Scenes that nothing was chosen by",
+    "test": "Scenes by which nothing of the plan was chosen",
     "training": "Training worlds, by which the thresholds were chosen",
 }
 

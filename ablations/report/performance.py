@@ -210,9 +210,6 @@ TARGETS = (
 ELSEWHERE = """Not measured by this job: time against the number of references, runs of 100 views with reading,
 rendering and writing overlapped, memory over 20 to 500 images, a splat's fit (`gaussian-enhancer splat_kernels`),
 graphics cards.
-
-Records before 28 November 2026 are of one enhancement a view. By default, `enhance` has averaged two since then, which
-takes 1.4 to 1.5 times as long ([informal measurement](results/weights.md)).
 """
 HEAD = """# Performance
 

@@ -32,6 +32,7 @@ from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
+from gaussian_enhancer.infer.plan import AUTO
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.lpips import PerceptualDistance, requested_distances
 from gaussian_enhancer.runs.instantiate import plain_values
@@ -171,7 +172,7 @@ def measure_fit(
     for step in steps_of(fit, last):
         applied = {name: method.of(fit, step) for name, method in methods.items()}
         enhance = {name: method.enhance for name, method in applied.items()}
-        for view in enhanced_views(read_run(fit, step), enhance, distances):
+        for view in enhanced_views(read_run(fit, step), enhance, distances, rules=AUTO):
             raw = {"raw_psnr": view.raw.metrics["psnr"], "raw_psnr_aligned": view.raw.metrics["psnr_aligned"]}
             for name, method in applied.items():
                 keys = {"method": name, "weights": method.weights, "scene": scene, "step": step, "view": view.view.name}
@@ -193,7 +194,7 @@ def extreme_views(methods: Mapping[str, Method], fit: Path) -> Iterator[tuple[st
     photos = (
         f"Photos: {CREDITS[scene]}." if scene in CREDITS else "The photos are exact images of the procedural scene."
     )
-    enhanced = enhanced_views(read_run(fit, step), {method: first_method.of(fit, step).enhance})
+    enhanced = enhanced_views(read_run(fit, step), {method: first_method.of(fit, step).enhance}, rules=AUTO)
     views = sorted(enhanced, key=lambda view: _gain(view, method))
     for word, view, crop in (("worst", views[0], harmed_block), ("best", views[-1], worst_block)):
         images = (quantise_8_bit(image) for image in (view.render, view.results[method].image, view.photo))

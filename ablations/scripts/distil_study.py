@@ -22,6 +22,7 @@ from ablations.study.roles import role_of
 from ablations.study.rows import RowFile, with_gains
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
+from gaussian_enhancer.infer.plan import AUTO
 from gaussian_enhancer.metrics.lpips import PerceptualDistance, requested_distances
 from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.scene.renders import read_run
@@ -67,7 +68,7 @@ def measure_distilled(
     """
     about: dict[str, object] = {"role": role_of(studied.capture), "scene": studied.capture, "splat": studied.splat}
     about |= {"seconds": studied.seconds, "gaussians": studied.gaussians}
-    for view in enhanced_views(read_run(studied.run), {method: enhancer}, distances):
+    for view in enhanced_views(read_run(studied.run), {method: enhancer}, distances, rules=AUTO):
         row_key = {**about, "view": view.view.name}
         yield {**row_key, "image": "render", "weights": "", **view.raw.metrics}
         yield {**row_key, "image": method, "weights": digest, **view.results[method].measured.metrics}

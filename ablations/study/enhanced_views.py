@@ -4,16 +4,18 @@ Axes: h height, w width.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.align.alignment import AlignedReferences, LoadedView, Unwarped
-from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool, build_network_input, read_target
+from gaussian_enhancer.align.references import ReferencePool, build_network_input, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
+from gaussian_enhancer.infer.plan import Rules
+from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.metrics.lpips import PerceptualDistance
 from gaussian_enhancer.metrics.pair import ImageMetrics, measure_pair
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
@@ -73,6 +75,7 @@ def enhanced_views(
     enhancers: Mapping[str, SetEnhancer | ViewMethod],
     distances: Sequence[PerceptualDistance] = (),
     every: int = 1,
+    rules: Rules = Rules(),  # noqa: B008  (frozen values)
 ) -> Iterator[MeasuredView]:
     """Enhance and measure the targets of a set. Methods with equal reference configurations share aligned references.
 
@@ -81,27 +84,40 @@ def enhanced_views(
         enhancers: by method, at the render's own resolution.
         distances: LPIPS distances that are measured as well.
         every: take every n-th target.
+        rules: what a `SetEnhancer` may leave out of each view; by default nothing, which compares networks. `AUTO` of
+            `gaussian_enhancer.infer.plan` measures what the job ``enhance`` does by default.
 
     Raises:
         InputError: a target has no photo.
     """
-    pool = ReferencePool(rendered.references)
+    pool, planners = ReferencePool(rendered.references), list[Planner]()
+    for enhancer in enhancers.values():
+        if isinstance(enhancer, SetEnhancer) and all(p.reference_config != enhancer.reference_config for p in planners):
+            planners.append(Planner(rules, enhancer.reference_config, rendered, pool=pool))
     for view in rendered.targets[::every]:
         if view.read_photo is None:
             raise InputError(view.name, "has no photo to compare with", "give runs with held-out photos")
         target, photo = read_target(view), view.read_photo()
-        aligned_by_config: list[tuple[ReferenceConfig, AlignedReferences]] = []
+        aligned = [_align(view, target, planner) for planner in planners]
         results: dict[str, MethodResult] = {}
         for name, enhancer in enhancers.items():
-            if not isinstance(enhancer, SetEnhancer):
-                image = enhancer(view, target, pool)
-                results[name] = MethodResult(image, Unwarped()(target, [], 0), measure_pair(image, photo, distances))
-                continue
-            config = enhancer.reference_config
-            aligned = next((cached for other_config, cached in aligned_by_config if other_config == config), None)
-            if aligned is None:
-                aligned = config.align(target, view, pool)
-                aligned_by_config.append((config, aligned))
-            image = enhancer.enhance(build_network_input(target, aligned))[0]
-            results[name] = MethodResult(image, aligned, measure_pair(image, photo, distances))
+            if isinstance(enhancer, SetEnhancer):
+                planner, references = next(
+                    pair
+                    for pair in zip(planners, aligned, strict=True)
+                    if pair[0].reference_config == enhancer.reference_config
+                )
+                if planner(view, target).regions is None:
+                    image = enhancer.enhance(build_network_input(target, references))[0]
+                else:
+                    image = next(iter(enhancer(replace(rendered, targets=(view,)), planner))).image
+            else:
+                image, references = enhancer(view, target, pool), Unwarped()(target, [], 0)
+            results[name] = MethodResult(image, references, measure_pair(image, photo, distances))
         yield MeasuredView(view, target.image, photo, measure_pair(target.image, photo, distances), results)
+
+
+def _align(view: RenderedView, target: LoadedView, planner: Planner) -> AlignedReferences:
+    """The aligned references of a view, of those that its plan keeps."""
+    chosen = planner.reference_indices(planner(view, target))
+    return planner.reference_config.align(target, view, planner.pool, chosen)

@@ -1,6 +1,7 @@
 """Views of a run, enhanced by several methods: metrics are those of the images, and equal preparations are shared."""
 
 import dataclasses
+from dataclasses import replace
 
 import pytest
 import torch
@@ -9,6 +10,8 @@ from ablations.study.enhanced_views import enhanced_views
 from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
+from gaussian_enhancer.infer.plan import AUTO
+from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.metrics.pair import measure_pair
 from gaussian_enhancer.scene.renders import read_run
 from support.networks import small_sif
@@ -49,14 +52,36 @@ def test_images_are_the_enhancers_and_metrics_the_images(plane_run, enhancers):
 def test_references_are_aligned_once_for_methods_that_prepare_them_alike(plane_run, enhancers, monkeypatch):
     align, aligned = ReferenceConfig.align, []
 
-    def counted(self, target, view, pool: ReferencePool):
+    def counted(self, target, view, pool: ReferencePool, candidates=None):
         aligned.append((view.name, self.references))
-        return align(self, target, view, pool)
+        return align(self, target, view, pool, candidates)
 
     monkeypatch.setattr(ReferenceConfig, "align", counted)
     (one,) = enhanced_views(read_run(plane_run), enhancers, every=100)
     assert aligned == [(one.view.name, 3), (one.view.name, 1)]
     assert one.results["same"].aligned is one.results["brighter"].aligned
+
+
+def test_rules_leave_out_what_the_job_enhance_leaves_out(plane_run, enhancers):
+    """References that a coarse look does not choose, and plain background."""
+    rendered, rules = read_run(plane_run), replace(AUTO, small=0, margin=8)
+    height, width = 48, 64
+    background = torch.tensor(rendered.background)[:, None, None]
+
+    def half_empty(view):
+        image = view.read().clone()
+        image[:, :, width // 2 :] = background
+        return replace(view, read=lambda: image)
+
+    for views in (rendered, replace(rendered, targets=tuple(map(half_empty, rendered.targets)))):
+        planner = Planner(rules, enhancers["fewer"].reference_config, views)
+        expected = list(enhancers["fewer"](views, planner))
+        found = list(enhanced_views(views, {"fewer": enhancers["fewer"]}, rules=rules))
+        assert [one.results["fewer"].aligned.names for one in found] == [one.references for one in expected]
+        for one, made in zip(found, expected, strict=True):
+            assert torch.equal(one.results["fewer"].image, made.image)
+        assert {plan.regions is None for plan in planner.plans.values()} == {views is rendered}
+    assert found[0].render.shape == (3, height, width)
 
 
 def test_a_view_without_a_photo_is_refused(plane_run, enhancers):
