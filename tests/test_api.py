@@ -354,6 +354,9 @@ def test_a_splat_is_read_and_rendered(views, tmp_path):
     found = render(read_splat(tmp_path / "splat.ply"), view.camera, background=(1, 1, 1))
     assert found.colour.shape == (3, 48, 64)
     assert found.colour.std() > 0.05
+    white = np.ones(3)
+    assert torch.equal(render(coloured_slab(), view.camera, background=white).colour, found.colour)
+    assert Enhancer.from_pretrained("lr_tiny", background=white).background == (1.0, 1.0, 1.0)
     with pytest.raises(InputError, match="method: is 'nerf'; choose auto, 3dgs"):
         render(coloured_slab(), view.camera, "nerf")
     with pytest.raises(InputError, match=r"background: is \[0\.0, 0\.0, 255\.0\]; give three numbers from 0 to 1"):

@@ -30,6 +30,10 @@ def test_another_card_is_no_other_weights(tmp_path) -> None:
     assert (tmp_path / "a.safetensors").read_bytes() != (tmp_path / "b.safetensors").read_bytes()
 
 
+def test_weights_in_bfloat16_have_a_digest(tmp_path) -> None:
+    assert digest(tmp_path / "a.safetensors", network().bfloat16()) != digest(tmp_path / "b.safetensors", network())
+
+
 def test_another_value_design_preparation_or_strength_is(tmp_path) -> None:
     changed = network()
     with torch.no_grad():

@@ -124,9 +124,10 @@ def _rule(error: ErrorDetails) -> str:
 
 def _place(error: ErrorDetails) -> Sequence[str]:
     """Keys and indices that lead to the invalid value, without the union members that pydantic inserts."""
-    scalars = ("int", "float", "str", "bool", "none", "constrained")
-    kinds = (*scalars, "list[", "tuple[", "literal[", "function-", "dict[", "is-instance")
-    return [str(part) for part in error["loc"] if not str(part).startswith(kinds)]
+    scalars = ("int", "float", "str", "bool", "none")
+    kinds = ("constrained", "list[", "tuple[", "literal[", "function-", "dict[", "is-instance")
+    parts = map(str, error["loc"])
+    return [part for part in parts if part not in scalars and not part.startswith(kinds)]
 
 
 def _has_rules(kind: Any) -> bool:

@@ -17,7 +17,9 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.network.sif import SIF
+from gaussian_enhancer.runs import lock
 from gaussian_enhancer.runs.compose import compose_job
+from gaussian_enhancer.runs.enhancement import load_enhancement
 from gaussian_enhancer.scene.renders import read_run, run_steps
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.filters import filter_size
@@ -111,6 +113,12 @@ def test_enhance_distils_first_where_it_is_asked_to(fitted, weights, tmp_path, m
     assert (distilled_run / "done").is_file()
     started(f"run={distilled_run}", "distil=false", f"output={tmp_path / 'twice'}")
     monkeypatch.setattr("gaussian_enhancer.distil.task.distil", lambda *_, **__: pytest.fail("was made again"))
+
+    def load_unlocked(*arguments, **options):
+        assert not (distilled_run / lock.NAME).exists()  # another process may use the splat during the enhancement
+        return load_enhancement(*arguments, **options)
+
+    monkeypatch.setattr("gaussian_enhancer.cli.enhance.load_enhancement", load_unlocked)
     started(f"output={tmp_path / 'again'}")
     names = sorted(path.name for path in (tmp_path / "once").iterdir())
     assert len(names) == 2

@@ -38,6 +38,13 @@ def test_one_folder_gives_a_record_an_image(capsys: pytest.CaptureFixture[str]) 
     assert (out / "done").is_file()
 
 
+def test_names_may_consist_of_digits(capsys: pytest.CaptureFixture[str]) -> None:
+    out = measure("images=raw", "photos=photos", "scene_name=2024", "splat_name=0", "variant=1")
+    found = {(r.scene, r.splat, r.variant) for r in read_records(out / "records.jsonl")}
+    assert found == {("2024", "0", "1")}
+    assert "| 2024 | 0 | 1 | psnr |" in capsys.readouterr().out
+
+
 def test_two_folders_are_compared(capsys: pytest.CaptureFixture[str]) -> None:
     out = measure("images=enhanced", "raw=raw", "photos=photos")
     records = read_records(out / "records.jsonl")

@@ -40,6 +40,13 @@ def test_weights_get_a_confidence_and_stay_the_same_otherwise(plane_run, tmp_pat
     assert "trained already" in capsys.readouterr().err
 
 
+def test_other_weights_in_the_same_file_are_another_run(plane_run, tmp_path):
+    for strength in (0.5, 0.25):
+        save_weights(tmp_path / "a.safetensors", trained(), ReferenceConfig(), {"strength": strength})
+        run(job(plane_run, tmp_path / "a.safetensors", tmp_path, "output=null", f"runs={tmp_path / 'runs'}"))
+    assert len(list((tmp_path / "runs/train_confidence").iterdir())) == 2
+
+
 def test_the_warp_of_what_is_written_and_judged_may_be_another(plane_run, tmp_path):
     save_weights(tmp_path / "a.safetensors", trained(), ReferenceConfig(), {"name": "a"})
     run(job(plane_run, tmp_path / "a.safetensors", tmp_path, "+warp.tolerance=0.3", "+warp.photo_consistency=0.01"))

@@ -208,6 +208,8 @@ def test_a_video_that_was_rendered_elsewhere_is_enhanced_and_keeps_its_sound(she
         (("path=orbit",), "give path=FILE"),
         ((f"input={tmp_path / 'none.mp4'}",), "does not exist"),
         (("format=webm", f"output={tmp_path / 'enhanced_video.webm'}"), "cannot hold sound in aac"),
+        ((f"output={clip}",), "is the input itself"),
+        (("format=frames", f"output={sheet_run / 'train/ours_100/gt'}"), "of the input; name another folder"),
     ):
         with pytest.raises(InputError, match=message):
             run(configured(*words, *extra))

@@ -114,6 +114,15 @@ def test_a_run_that_was_killed_between_two_views_makes_only_those_that_lack(enha
     assert made == [2, 3, 0, 1, 2, 3]
 
 
+def test_a_new_run_where_a_checkpoint_was_deleted_makes_its_own_views(enhancer, tmp_path):
+    start, capture = sheet(), capture_of()
+    whole = distil(capture, start, enhancer, tmp_path / "whole", QUICK, progress=False)
+    other = dataclasses.replace(QUICK, seed=QUICK.seed + 1)
+    distil(capture, start, enhancer, tmp_path / "parts", other, progress=False, stop_after=2)
+    (tmp_path / "parts/checkpoint.pt").unlink()
+    assert equal(whole, distil(capture, start, enhancer, tmp_path / "parts", QUICK, progress=False))
+
+
 @pytest.mark.parametrize("method", [ThreeDGS(), TwoDGS(), MipSplatting()], ids=lambda m: m.name)
 def test_each_kind_learns_from_photos_and_stays_of_its_kind(tmp_path, method):
     capture, start = capture_of(), sheet(method)

@@ -8,6 +8,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_json
 from gaussian_enhancer.runs import lock, status
 from gaussian_enhancer.runs.run import open_run
 
@@ -102,6 +103,17 @@ def test_an_attempt_gives_its_locks_back_and_a_refused_run_leaves_nothing(tmp_pa
     with pytest.raises(InputError, match="photo"):
         refused(tmp_path / "a", ())
     assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_does_not_hide_the_error(tmp_path, monkeypatch):
+    def full(path, *values, **options):
+        if path.name == status.FAILED:
+            raise InputError(path, "cannot be written: no space left", "make room")
+        write_json(path, *values, **options)
+
+    monkeypatch.setattr("gaussian_enhancer.runs.status.write_json", full)
+    with pytest.raises(InputError, match="photo"):
+        refused(tmp_path / "a", ("checkpoint.pt",))
 
 
 def test_a_refused_run_keeps_its_results(tmp_path):

@@ -36,6 +36,19 @@ def test_super_resolution_keeps_the_size_of_the_photo(tmp_path):
     assert torch.equal(read_photo(tmp_path / "out/enhanced/a.png"), torch.full((3, HEIGHT, WIDTH), 64 / 255))
 
 
+def test_what_is_measured_is_never_written_as_a_jpeg_again(tmp_path):
+    """A photo in another format or size keeps its pixels; an unchanged file is copied."""
+    photo = torch.rand(3, SIZE[1], SIZE[0], generator=torch.Generator().manual_seed(0))
+    write_image(tmp_path / "photo.png", photo)
+    write_image(tmp_path / "a.jpg", photo)
+    render, other = (ReadPhoto(tmp_path / name, SIZE[1], SIZE[0]) for name in ("a.jpg", "photo.png"))
+    view = RenderedView("a.jpg", render, read_photo=other)
+    files = write_sources(RenderedSet("set", (view,), ()), tmp_path / "out", 1)
+    assert [path.relative_to(tmp_path).as_posix() for path in files] == ["out/renders/a.jpg", "out/gt/a.png"]
+    assert files[0].read_bytes() == (tmp_path / "a.jpg").read_bytes()
+    assert torch.equal(read_photo(files[1]), other())
+
+
 def test_at_the_renders_own_resolution_nothing_is_resized(tmp_path):
     view = RenderedView("a.png", lambda: torch.full((3, SIZE[1], SIZE[0]), 0.5), fine_size=(HEIGHT, WIDTH))
     image = torch.full((3, SIZE[1], SIZE[0]), 0.25)

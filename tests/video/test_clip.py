@@ -1,3 +1,4 @@
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -31,6 +32,18 @@ def test_what_is_no_video_is_refused(tmp_path: Path) -> None:
         Clip(tmp_path / "text.mp4")
     with pytest.raises(InputError, match="does not exist"):
         Clip(tmp_path / "absent.mp4")
+
+
+def test_a_frame_that_cannot_be_decoded_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    clip = Clip(write_clip(tmp_path / "clip.mp4", "aac"))
+
+    def broken(self: Clip) -> Iterator[object]:
+        raise av.error.InvalidDataError(1094995529, "Invalid data found when processing input")
+        yield
+
+    monkeypatch.setattr(Clip, "_decode", broken)
+    with pytest.raises(InputError, match="is damaged at frame 0"):
+        Clip(clip.path).frame(0)
 
 
 @pytest.mark.parametrize(("ending", "sound"), [("mp4", "aac"), ("webm", "libopus")])

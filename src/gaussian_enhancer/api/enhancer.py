@@ -13,7 +13,14 @@ import torch
 from torch import Tensor
 
 from gaussian_enhancer.align.alignment import Reprojected, Unwarped
-from gaussian_enhancer.api.images import check_same_size, one_per_image, read_images, read_planes
+from gaussian_enhancer.api.images import (
+    Array,
+    check_same_size,
+    one_per_image,
+    read_background,
+    read_images,
+    read_planes,
+)
 from gaussian_enhancer.api.references import CachedReferences, Reference, sized_camera
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.options import EnhancementOptions
@@ -23,7 +30,6 @@ from gaussian_enhancer.infer.validated_inputs import ValidatedInputs, validate_i
 from gaussian_enhancer.infer.weights import Pretrained, load_weights
 from gaussian_enhancer.network.network import CachesReferences
 from gaussian_enhancer.runs.runtime import choose_device
-from gaussian_enhancer.scene.photos import background_colour
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import Camera
 
@@ -61,11 +67,11 @@ class Enhancer:
         self,
         pretrained: Pretrained,
         device: str | torch.device | None = None,
-        background: Sequence[int | float] = (0.0, 0.0, 0.0),
+        background: Sequence[int | float] | Array = (0.0, 0.0, 0.0),
         options: EnhancementOptions | None = None,
     ) -> None:
         self.pretrained, self.device = pretrained, _device(device)
-        self.background = background_colour(background)
+        self.background = read_background(background)
         self.options = EnhancementOptions() if options is None else options
         self.reference_config = self.options.reference_config(pretrained, "expected")
         self._set_enhancer = self.options.enhancer(pretrained, self.reference_config, self.device)
@@ -76,7 +82,7 @@ class Enhancer:
         cls,
         weights: str | Path = "lr_tiny",
         device: str | torch.device | None = None,
-        background: Sequence[int | float] = (0.0, 0.0, 0.0),
+        background: Sequence[int | float] | Array = (0.0, 0.0, 0.0),
         **options: Any,
     ) -> "Enhancer":
         """Create an enhancer with weights of the package or from a file.

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.photos import background_colour
 
 Array = np.ndarray | Tensor
 BRIGHTEST = 8.0
@@ -44,6 +45,17 @@ class ImageKind:
             return values.to(self.like.device, self.like.dtype)
         axes = (0, 2, 3, 1) if self.batch else (1, 2, 0)
         return np.ascontiguousarray(values.permute(axes).numpy().astype(self.like.dtype, copy=False))
+
+
+def read_background(background: Sequence[int | float] | Array) -> tuple[float, float, float]:
+    """Convert a colour, as a sequence or an array, to a tuple.
+
+    Raises:
+        InputError: it does not consist of three numbers from 0 to 1.
+    """
+    values = background.tolist() if isinstance(background, np.ndarray | Tensor) else background
+    is_text = isinstance(values, str)
+    return background_colour(values if is_text else [float(v) if isinstance(v, int) else v for v in values])
 
 
 def read_images(name: str, image: Any) -> tuple[Float[Tensor, "b 3 h w"], ImageKind]:

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
+from gaussian_enhancer.api.images import Array, read_background
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.scene.photos import background_colour
 from gaussian_enhancer.splat.methods import Method, choose_method
 from gaussian_enhancer.splat.render import render as render_gaussians
 from gaussian_enhancer.types import Camera, Gaussians, Render
@@ -13,7 +13,7 @@ def render(
     splat: Gaussians,
     camera: Camera,
     method: str | Method = "auto",
-    background: Sequence[int | float] = (0.0, 0.0, 0.0),
+    background: Sequence[int | float] | Array = (0.0, 0.0, 0.0),
     near: int | float = 0.01,
 ) -> Render:
     """Render a splat; the result is differentiable with respect to the splat's tensors.
@@ -50,5 +50,5 @@ def render(
         remedy = "give gaussian_enhancer.Camera.from_matrices(K, world_to_camera, height, width)"
         raise InputError("camera", f"is of type {type(camera).__name__}", remedy)
     rendering_method = choose_method(method, splat) if isinstance(method, str) else method
-    colour = background_colour([float(value) for value in background])
+    colour = read_background(background)
     return render_gaussians(splat, camera.to(splat.means.device), rendering_method, colour, near=float(near))

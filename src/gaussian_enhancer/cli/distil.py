@@ -84,6 +84,6 @@ def _run_distillation(
     export_splat(job.folder, task.capture, gaussians)
     if cfg.format != "ply":
         write_compressed(job.folder / f"splat{ENDINGS[cfg.format]}", gaussians, cfg.format)
-    discard_checkpoint(job.folder)
     write_fit_records(job, task.capture, task.renderer.method.name, (0, step), seconds, len(gaussians))
+    discard_checkpoint(job.folder)
     job.finish()

@@ -29,6 +29,7 @@ from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.output import cost_records, remove_other_files, write_enhanced, write_sources
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.runs.status import track_runs
 from gaussian_enhancer.runs.time_budget import apply_budget
 
 
@@ -127,7 +128,8 @@ def _with_distilled_splat(cfg: DictConfig) -> DictConfig:
             raise InputError(name, "comes with distil=true, which makes another splat", f"leave out {name} or distil")
     shared = {name: cfg[name] for name in ("run", "gaussians", "invalid", "method")}
     scene = {"scene": cfg.scene} if cfg.run is None and "scene" in cfg else {}  # beside a run: its finer photos
-    folder = distil_run(compose_job("distil", cfg, **shared, **scene)).folder
+    with track_runs(discard=True):  # unlocks the folder of the distilled splat before the enhancement
+        folder = distil_run(compose_job("distil", cfg, **shared, **scene)).folder
     distilled_cfg = cfg.copy()
     if cfg.run is not None:
         distilled_cfg.run = str(folder)

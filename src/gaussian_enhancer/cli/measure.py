@@ -88,7 +88,7 @@ def _files(cfg: DictConfig) -> tuple[ImageFiles, ...]:
     if cfg.run is not None:
         defaults = {"masks": None, "variant": "enhanced", "unmatched": "refuse"}
         refuse_without_effect((name for name, default in defaults.items() if cfg[name] != default), "run")
-        return pair_run(cfg.run, cfg.step, scene=cfg.scene_name or "", splat=cfg.splat_name or "")
+        return pair_run(cfg.run, cfg.step, scene=_text(cfg.scene_name), splat=_text(cfg.splat_name))
     if cfg.images is None or cfg.photos is None:
         raise InputError("measure", "was given no images to measure", "add images=FOLDER photos=FOLDER, or run=FOLDER")
     refuse_without_effect(["step"] if cfg.step is not None else [], "images")
@@ -98,9 +98,14 @@ def _files(cfg: DictConfig) -> tuple[ImageFiles, ...]:
     files: list[ImageFiles] = []
     for folder, variant in ((cfg.raw, "raw"), (cfg.images, cfg.variant)):
         if folder is not None:
-            label = Label(name, cfg.scene_name or name, cfg.splat_name or "", variant)
+            label = Label(name, _text(cfg.scene_name) or name, _text(cfg.splat_name), str(variant))
             files += pair_folders(folder, cfg.photos, label, masks=cfg.masks, unmatched=cfg.unmatched)
     return tuple(files)
+
+
+def _text(value: object) -> str:
+    """A name of the configuration, which may consist of digits, as text; empty if there is none."""
+    return "" if value is None else str(value)
 
 
 def _measure(

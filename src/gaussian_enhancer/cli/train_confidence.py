@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from omegaconf import DictConfig
+from omegaconf import DictConfig, open_dict
 from rich.console import Console
 from rich.progress import track
 
@@ -39,7 +39,14 @@ def run(cfg: DictConfig) -> None:
         InputError: weights or fits cannot be used, training on a scene is not allowed, or a file cannot be written.
     """
     refuse_untrained([*cfg.fits, *(fit for fold in cfg.folds for fit in fold.fits)])
-    job = open_run(cfg, "train_confidence", Path(cfg.weights).stem)
+    digests = {
+        "weights": checkpoint_digest(find_checkpoint(cfg.weights)),
+        "folds": [checkpoint_digest(find_checkpoint(fold.weights)) for fold in cfg.folds],
+    }
+    named_cfg = cfg.copy()
+    with open_dict(named_cfg):
+        named_cfg["made_of"] = digests
+    job = open_run(named_cfg, "train_confidence", Path(cfg.weights).stem)
     device = start(cfg.runtime)
     console = Console(stderr=True)
     weights = job.folder / WEIGHTS
@@ -62,9 +69,8 @@ def run(cfg: DictConfig) -> None:
     confidence_card = {
         **plain_values(cfg.card),
         "fits": [folder.name for _, folder in weights_and_fits],
-        "folds": [checkpoint_digest(find_checkpoint(fold.weights)) for fold in cfg.folds],
+        **digests,
         "views": count,
-        "weights": checkpoint_digest(find_checkpoint(cfg.weights)),
         "warp": plain_values(cfg.warp),
         **{name: cfg[name] for name in ("steps", "harm", "block_harm", "seed")},
     }

@@ -6,6 +6,7 @@ Axes: h height, w width.
 """
 
 import dataclasses
+import shutil
 import time
 from collections.abc import Iterator
 from enum import IntEnum
@@ -118,7 +119,9 @@ class _DistilState:
         self.step = 0
         checkpoint = load_checkpoint(folder, self._identity())
         self.optimiser = self._optimiser(start.gaussians if checkpoint is None else Gaussians(**checkpoint["splat"]))
-        if checkpoint is not None:
+        if checkpoint is None:
+            shutil.rmtree(folder / "rounds", ignore_errors=True)  # of an earlier run whose checkpoint was deleted
+        else:
             saved_smoothing = checkpoint["splat"]["smoothing"]
             self.optimiser.restore({name: value.to(self.device) for name, value in checkpoint["optimiser"].items()})
             self.smoothing = None if saved_smoothing is None else saved_smoothing.to(self.device)

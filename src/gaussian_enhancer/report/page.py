@@ -73,7 +73,7 @@ def document(
         "worst": worst,
         "cards": [card(i, views[i], pictures, worst=i == worst) for i in indices],
         "gain_of": gain_of,
-        "bar_width": partial(_bar_width, views),
+        "bar_width": partial(_bar_width, {metric.key: _largest_gain(views, metric.key) for metric in quantities}),
         "unmeasured": partial(_missing_reason, views),
         "provenance": provenance,
         "data": report_data(title, views, summaries, provenance),
@@ -82,14 +82,15 @@ def document(
     return render("report.html", values)
 
 
-def _bar_width(views: Sequence[ComparedView], gain: float, quantity: Quantity) -> float:
+def _largest_gain(views: Sequence[ComparedView], key: str) -> float:
+    """The largest magnitude of a metric's finite gains; 0 if there are none."""
+    gains = [gain for view in views if (gain := gain_of(view, key)) is not None]
+    return max((abs(gain) for gain in gains if math.isfinite(gain)), default=0.0)
+
+
+def _bar_width(largest_gains: Mapping[str, float], gain: float, quantity: Quantity) -> float:
     """Width of a gain's bar in percent of its cell: 50 for the metric's largest finite gain, else in proportion."""
-    gains = [
-        abs(view_gain)
-        for view in views
-        if (view_gain := gain_of(view, quantity.key)) is not None and math.isfinite(view_gain)
-    ]
-    largest = max(gains, default=0.0)
+    largest = largest_gains[quantity.key]
     return 50 * min(1.0, abs(gain) / largest) if math.isfinite(gain) and largest > 0 else 0.0
 
 

@@ -15,6 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.input_files import read_configuration
 from gaussian_enhancer.runs.instantiate import plain_values
 from gaussian_enhancer.runs.run import digest_of
 from gaussian_enhancer.scene.high_resolution import UPSCALE, attach_fine_photos
@@ -49,11 +50,22 @@ class HighResolutionPhotos:
         # Imported here because it loads the procedural scenes, which jobs without finer photos do not need.
         from gaussian_enhancer.scene.stored import read_scene_values, scene_from_values
 
-        fine_scene = high_resolution_values(read_scene_values(run / "config.yaml"))
+        fine_scene = high_resolution_values(read_scene_values(_fit_of(run) / "config.yaml"))
         if not _is_procedural(fine_scene):
             return attach_fine_photos(rendered, scene_from_values(fine_scene))
         folder = self.folder / f"{run.name.split('-')[0]}-{digest_of(fine_scene)}"
         return _render_fine(rendered, cache(lambda: scene_from_values(fine_scene)), folder)
+
+
+def _fit_of(run: Path) -> Path:
+    """The fit whose configuration names the scene: the run itself, or the fit that it distilled.
+
+    Raises:
+        InputError: the run's configuration cannot be read.
+    """
+    values = read_configuration(run / "config.yaml")
+    source = values.get("run")
+    return Path(source) if isinstance(source, str) and "scene" not in values else run
 
 
 def high_resolution_config(scene: DictConfig) -> DictConfig:

@@ -114,6 +114,10 @@ class InputPaths:
             rendered = render_capture(self.gaussians, self.capture, self.method, self.views, device, self.invalid)
             task = Task(_every_nth(rendered, self.every), depth="surface" if device == "cpu" else "expected")
             return with_fine_photos(task, attach_fine)
+        if self.capture is not None and self.references is not None:
+            raise InputError(
+                "references", "are given beside scene, whose photos are the references", "give one of them"
+            )
         references = self.capture if self.capture is not None else self.references
         folders = self.photos, references, self.depth, self.cameras
         rendered = read_folder(self.renders or "", *folders, depth_scale=self.depth_scale, finer=fine)

@@ -73,7 +73,8 @@ def write_enhanced_view(enhanced: EnhancedView, folder: Path, view: RenderedView
         InputError: the image cannot be written.
     """
     if enhanced.unchanged and view.read is not None:
-        _copy_or_write(view.read, folder / enhanced.name)
+        if not _copied(view.read, folder / enhanced.name):
+            write_image(folder / enhanced.name, view.read())
     else:
         write_image(folder / enhanced.name, resize_to_photo(enhanced.image, view, scale))
 
@@ -98,9 +99,13 @@ def write_sources(rendered: RenderedSet, folder: Path, scale: int) -> list[Path]
         for subfolder, read in (("renders", view.read), ("gt", read_photo)):
             if read is None:
                 continue
-            files.append(folder / subfolder / view.name)
+            path = folder / subfolder / view.name
+            if scale == 1 and _copied(read, path):
+                files.append(path)
+                continue
+            files.append(path.with_suffix(".png"))  # a JPEG would lose what is measured
             if scale == 1:
-                _copy_or_write(read, files[-1])
+                write_image(files[-1], read())
             elif subfolder == "gt":
                 write_image(files[-1], read_original_size(view))
             else:
@@ -154,13 +159,13 @@ def cost_records(views: Iterable[EnhancedView], run_name: str, task: Task) -> li
     return [Record("cost", *label, view.name, "enhanced", {"milliseconds": view.enhancing}) for view in views]
 
 
-def _copy_or_write(read: Callable[[], Tensor], path: Path) -> None:
-    """Copy the image's file if it stores the same pixels in the same format; otherwise read and write the image."""
-    if isinstance(read, ReadPhoto) and _is_unmodified(read) and read.path.suffix == path.suffix:
-        with atomic_write(path) as temporary:
-            shutil.copyfile(read.path, temporary)
-    else:
-        write_image(path, read())
+def _copied(read: Callable[[], Tensor], path: Path) -> bool:
+    """Copy the image's file if it stores the same pixels in the path's format; otherwise, return False."""
+    if not isinstance(read, ReadPhoto) or not _is_unmodified(read) or read.path.suffix != path.suffix:
+        return False
+    with atomic_write(path) as temporary:
+        shutil.copyfile(read.path, temporary)
+    return True
 
 
 def _is_unmodified(read: ReadPhoto) -> bool:

@@ -100,7 +100,7 @@ def splat_file(run: str | Path) -> Path:
 
 
 def _read_run(cfg: DictConfig) -> SplatWithCapture:
-    rendered = read_run(cfg.run)
+    rendered = read_run(cfg.run, capture=build(cfg.scene) if cfg.get("scene") else None)
     views = sorted((*rendered.targets, *rendered.references), key=lambda view: view.name)
     cameras = tuple(view.camera for view in views if view.camera is not None)
     if len(cameras) < len(views):

@@ -9,7 +9,7 @@ import os
 import socket
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
@@ -101,7 +101,8 @@ def track_runs(discard: bool = False) -> Iterator[None]:
                 if discard and isinstance(error, InputError | OSError) and holds_no_result(folder):
                     _discard_marks(folder)
                     continue
-                write_json(folder / FAILED, {"error": f"{type(error).__name__}: {error}", "time": time.time()})
+                with suppress(InputError):  # a full disk must not hide the error
+                    write_json(folder / FAILED, {"error": f"{type(error).__name__}: {error}", "time": time.time()})
             raise
         finally:
             for folder in _unfinished(folders):

@@ -142,6 +142,8 @@ def read_output(cfg: DictConfig, path: CameraPath | None = None) -> VideoOutput:
         received = f"does not end in .{output_format}, which is the format"
         raise InputError(output, received, f"name it .{output_format}, or give format={' or '.join(FORMATS)}")
     path_fps, clip = (None, None) if path is None else (path.fps, path.clip)
+    if output is not None and clip is not None and output.resolve() == clip.path.resolve():
+        raise InputError(output, "is the input itself", "name another file")
     fps = cfg.fps if cfg.fps is not None else path_fps or FPS
     encoding = Encoding(output_format, fps, cfg.quality)
     encoding.check(() if clip is None else clip.sound)

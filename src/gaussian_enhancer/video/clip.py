@@ -59,7 +59,7 @@ class Clip:
                 self._next += 1
                 if self._next > index:
                     return torch.from_numpy(picture.to_ndarray(format="rgb24")).permute(2, 0, 1).float() / 255
-        except OSError as error:
+        except (OSError, ValueError) as error:  # PyAV's errors are of either kind
             raise InputError(self.path, f"is damaged at frame {index} ({error})", REMEDY) from error
         raise InputError(self.path, f"has no frame {index}", f"it has {self.count}")
 

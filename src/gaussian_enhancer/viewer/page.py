@@ -1,5 +1,6 @@
 """The page in the browser: viser's camera control, the picture in the background, and the panel of controls."""
 
+import shlex
 from collections import defaultdict
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
@@ -219,7 +220,7 @@ class Page:
         seconds = float(self.controls.seconds.value)
         cameras = path_through_cameras(tuple(self._path_cameras), self.settings.width, seconds, self.session.cameras)
         file = self.saved.save_path(cameras, len(cameras) / seconds)
-        return f"saved {file}: gaussian-enhancer video path={file} makes a video of it"
+        return f"saved {file}: gaussian-enhancer video path={shlex.quote(str(file))} makes a video of it"
 
     def _go_to_photo(self, client: Any) -> str:
         if self._photo is None or self._photo.camera is None:

@@ -55,7 +55,8 @@ def serve_page(
         page = Page(server, session, saved, settings, notify)
         page.worker.start()
         try:
-            yield page, f"http://{'localhost' if host in ('0.0.0.0', '::') else host}:{bound_port}"
+            name = "localhost" if host in ("0.0.0.0", "::") else f"[{host}]" if ":" in host else host
+            yield page, f"http://{name}:{bound_port}"
         finally:
             page.worker.stop()
     finally:
