@@ -29,7 +29,7 @@ JOBS = (
     ("plan_study", "records_only=true"),
     ("tradeoff", "records_only=true"),
     ("stability", "records_only=true"),
-    ("tables", "table=[all,mode]", f"scale={SCALE}", "records_only=true"),
+    ("tables", "table=[all,budget,captures,mode]", f"scale={SCALE}", "records_only=true"),
     ("peers", "records_only=true"),
     ("convergence", "records=docs/results/convergence.jsonl", "page=docs/results/convergence.md"),
     (

@@ -59,7 +59,7 @@ def _reported(cfg: DictConfig) -> float | None:
     """Write the page.
 
     Returns:
-        Mean gain in colour-aligned PSNR of the last method of ours in the first table over all cells, dB; None where
+        Mean gain in colour-aligned PSNR of the last method in the first table over all cells, dB; None where
         it is missing.
     """
     source, page = Path(cfg.records), Path(cfg.markdown)

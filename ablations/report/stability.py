@@ -43,8 +43,8 @@ what the precision cannot hold. Autocast computes on float32 numbers. A cell end
   process of their own, so that a hang or a crash is a cell.
 
 `gaussian-enhancer stability` computes the matrix and writes this page; `families=[splats]` or `cases=[black_lr_tiny]`
-narrow it down. A subset of seconds is a test, and another test reads the committed records and holds that no cell has
-failed.
+narrow it down. A subset of seconds is a test, and another test reads the committed records and checks that no cell
+has failed.
 """
 
 
@@ -186,8 +186,9 @@ def _order(records: Sequence[Record], figure: str) -> str:
         rows.append((f"`{name}`", *cells, f"{orders[name]:.2f}" if name in orders else ""))
     about = (
         f"{records[0].protocol}. The first two schedules are those in use, the others make the reverse process stiff. "
-        "Order 1 means that twice the steps halve the error. The denoiser hears the time in waves down to 1/64 of the "
-        "way, which take hundreds of steps to resolve; it was never trained on the stiff schedules.\n"
+        "Order 1 means that twice the steps halve the error. The denoiser receives the time as sinusoids with "
+        "wavelengths down to 1/64 of the whole, which take hundreds of steps to resolve; it was never trained on the "
+        "stiff schedules.\n"
     )
     headings = "schedule", "1 step", "4", "64", "1000", "order at the end"
     return "\n".join([about, f"![Error over steps]({figure})\n", markdown(frame(headings, rows))])

@@ -101,9 +101,8 @@ def summary_page(studies: Sequence[tuple[TableDescription, Sequence[Record]]]) -
         markdown(frame(("table", "title", "cells", "missing methods", "records", "commits"), lines)),
         "## The paper's claims\n",
         "Judged on the paper's own rows alone, never on ours. Decided by the records: a difference counts where its "
-        "95 % bootstrap interval leaves out zero; a claim holds "
-        "where all of its differences do, does not where one goes the other way, and is undecided else or where cells "
-        "are missing.\n",
+        "95 % bootstrap interval leaves out zero. A claim holds if all its differences agree with it. It does "
+        "not hold if one contradicts it. Otherwise, or if cells are missing, it is undecided.\n",
         markdown(frame(("claim", "verdict", "comparisons"), verdicts)),
         *map(_claim_section, judged_claims),
     ]

@@ -7,6 +7,7 @@ chosen to favour the enhancement. The caption is printed and stored in the file'
 Axes: h height, w width.
 """
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -70,13 +71,20 @@ def read_views(run: Path) -> list[Compared]:
     Raises:
         InputError: the folder holds no enhanced views with photos.
     """
-    folders = sorted(path.parent for path in run.glob("test/ours_*/enhanced") if path.is_dir())
-    if not folders:
+    steps = {
+        int(path.parent.name.removeprefix("ours_")): path.parent
+        for path in run.glob("test/ours_*/enhanced")
+        if path.is_dir()
+    }
+    if not steps:
         raise InputError(run, "holds no enhanced views", "give the folder of a job enhance without output=")
-    folder = folders[-1]
-    step = int(folder.name.removeprefix("ours_"))
-    names = [path.name for path in list_images(folder / "enhanced")]
-    return [Compared(Path(name).stem, step, *(read_photo(folder / part / name) for part in PARTS)) for name in names]
+    step = max(steps)
+    files = [{path.stem: path for path in list_images(steps[step] / part)} for part in PARTS]
+    names = sorted(files[PARTS.index("enhanced")])
+    for name, part in itertools.product(names, files):
+        if name not in part:
+            raise InputError(run, f"holds no render or no photo of {name}", "enhance it again, with its photos")
+    return [Compared(name, step, *(read_photo(part[name]) for part in files)) for name in names]
 
 
 def median_gain(views: list[Compared]) -> Compared:

@@ -3,22 +3,8 @@
 from collections.abc import Iterable, Sequence
 
 import pandas as pd
-from tabulate import DataRow, TableFormat
 
-from gaussian_enhancer.metrics.comparison import format_value
-
-ROW = DataRow("| ", " | ", " |")
-FORMAT = TableFormat(
-    lineabove=None,
-    linebelowheader=lambda widths, alignments: f"| {' | '.join('---' for _ in widths)} |",
-    linebetweenrows=None,
-    linebelow=None,
-    headerrow=ROW,
-    datarow=ROW,
-    padding=0,
-    with_header_hide=None,
-)
-"""GitHub's table format with cells as wide as their text."""
+from gaussian_enhancer.metrics.comparison import Table, format_value
 
 
 def frame(columns: Sequence[str], lines: Iterable[Sequence[str]]) -> pd.DataFrame:
@@ -28,11 +14,8 @@ def frame(columns: Sequence[str], lines: Iterable[Sequence[str]]) -> pd.DataFram
 
 def markdown(table: pd.DataFrame) -> str:
     """A frame of texts as a Markdown table; pipes in cells are escaped."""
-    if table.empty:
-        return f"| {' | '.join(table.columns)} |\n| {' | '.join('---' for _ in table.columns)} |\n"
-    escaped = table.map(lambda text: " ".join(text.replace("|", r"\|").split()))
-    options = {"disable_numparse": True, "stralign": None, "numalign": None}
-    return str(escaped.to_markdown(index=False, tablefmt=FORMAT, **options)) + "\n"
+    rows = tuple(tuple(" ".join(cell.split()) for cell in row) for row in table.itertuples(index=False, name=None))
+    return Table(tuple(table.columns), rows).markdown()
 
 
 def escape_markdown(text: str) -> str:
