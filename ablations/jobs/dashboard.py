@@ -7,12 +7,13 @@ from rich.console import Console
 
 from ablations.jobs.plan_study import aims_of
 from ablations.report.dashboard.folder import all_records, read_folder
-from ablations.report.dashboard.page import write_dashboard
+from ablations.report.dashboard.page import document
 from ablations.report.dashboard.pictures import ShownImages, copy_pictures
 from ablations.report.dashboard.runs import source_runs
 from ablations.report.dashboard.studies import read_study
 from ablations.suite.evaluation import compose_checked
 from gaussian_enhancer.console import print_line
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.runs.instantiate import require
 
 
@@ -44,7 +45,7 @@ def run(cfg: DictConfig) -> float | None:
         read_study(str(name), Path(study.records), Path(study.diagrams), output, aims)
         for name, study in cfg.studies.items()
     ]
-    write_dashboard(path, title, tables, sources, pictures, studies)
+    write_text(path, document(title, tables, sources, pictures, studies))
     absent = sum(bool(source.absent) for source in sources)
     counts = f"{len(tables)} tables, {len(all_records(tables))} records, {len(pictures.shown)} views with pictures"
     counts += f", {absent} of {len(sources)} runs not on this machine in full" if absent else ""

@@ -80,6 +80,14 @@ class Classifier(nn.Module):
         return self.decide(self.features(patches).mean(dim=(2, 3)))[:, 0]
 
 
+BATCH = 32
+"""Places in a batch; each gives a simulated and a real patch."""
+RATE = 2e-3
+"""Adam's learning rate."""
+PATIENCE = 4
+"""Epochs without progress on the held-out share after which training ends."""
+
+
 def two_sample_test(
     train: Patches,
     test: Patches,
@@ -87,9 +95,6 @@ def two_sample_test(
     conditional: bool = False,
     seeds: int = 3,
     epochs: int = 12,
-    batch: int = 32,
-    rate: float = 2e-3,
-    patience: int = 4,
     first_seed: int = 0,
 ) -> TwoSample:
     """Train classifiers on patches of some scenes and measure them on others.
@@ -103,9 +108,6 @@ def two_sample_test(
         conditional: show the classifier each patch beside its photo, a stricter test, since the change is visible.
         seeds: number of classifiers, each with its own initial weights, order and held-out share.
         epochs: passes over the training patches at most.
-        batch: places in a batch; each gives a simulated and a real patch.
-        rate: Adam's learning rate.
-        patience: epochs without progress on the held-out share after which training ends.
         first_seed: seed of the first classifier; the others have the following ones.
 
     Raises:
@@ -119,7 +121,7 @@ def two_sample_test(
         generator = torch.Generator().manual_seed(seed)
         learn, held_out = _split(train, generator)
         network = Classifier(6 if conditional else 3, generator).to(memory_format=torch.channels_last)
-        network = _trained(network, learn, held_out, conditional, generator, epochs, batch, rate, patience)
+        network = _trained(network, learn, held_out, conditional, generator, epochs)
         simulated, real = (_evidence(network, test, kind, conditional) for kind in ("simulated", "real"))
         correct.append(((simulated > 0).float() + (real <= 0).float()) / 2)
         areas.append(area_under_curve(simulated, real))
@@ -195,15 +197,12 @@ def _trained(
     conditional: bool,
     generator: torch.Generator,
     epochs: int,
-    batch: int,
-    rate: float,
-    patience: int,
 ) -> Classifier:
-    optimiser = torch.optim.Adam(network.parameters(), lr=rate, weight_decay=1e-4)
+    optimiser = torch.optim.Adam(network.parameters(), lr=RATE, weight_decay=1e-4)
     best, best_loss, since = copy.deepcopy(network.state_dict()), float("inf"), 0
     for _ in range(epochs):
         network.train()
-        for chosen in torch.randperm(len(learn), generator=generator).split(batch):
+        for chosen in torch.randperm(len(learn), generator=generator).split(BATCH):
             if len(chosen) < 2:
                 continue  # the statistics of one place are no batch
             places = learn[chosen]
@@ -217,7 +216,7 @@ def _trained(
         since += 1
         if held_out_loss < best_loss:
             best, best_loss, since = copy.deepcopy(network.state_dict()), held_out_loss, 0
-        if since >= patience:
+        if since >= PATIENCE:
             break
     network.load_state_dict(best)
     return network

@@ -5,15 +5,13 @@ For dry runs: nothing is loaded, fitted or downloaded.
 
 import os
 import re
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
 from gaussian_enhancer.configurations import configurations
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.runs.instantiate import plain_values
+from gaussian_enhancer.input_files import read_configuration
 from gaussian_enhancer.scene.datasets import dataset_names, published_dataset
 from gaussian_enhancer.scene.published import download_command, missing_parts
 
@@ -57,24 +55,9 @@ def published_fit_minutes(scene: DictConfig) -> float | None:
     facts = published_dataset(scene.dataset).scenes.get(scene.name)
     if facts is None:
         return None
-    official = _values(_file("scene/datasets", scene.name))
+    official = read_configuration(configurations() / "scene" / "datasets" / f"{scene.name}.yaml")
     factor = official.get("downscale", 1) / scene.get("downscale", 1)
     return facts.fit_seconds * max(1.0, factor**2) / 60
-
-
-def _file(folder: str, name: str) -> Path:
-    file = configurations() / folder / f"{name}.yaml"
-    if not file.is_file():
-        names = ", ".join(sorted(path.stem for path in file.parent.glob("*.yaml")))
-        raise InputError(folder, f"has no {name!r}", f"choose from {names}")
-    return file
-
-
-def _values(file: Path) -> Mapping[str, Any]:
-    content = OmegaConf.load(file)
-    if not isinstance(content, DictConfig):
-        raise InputError(file, "is no mapping", "restore it")
-    return plain_values(content)
 
 
 def _path(scene: DictConfig) -> tuple[Path | None, str]:

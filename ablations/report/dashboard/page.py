@@ -2,14 +2,12 @@
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from pathlib import Path
 
 from ablations.report.dashboard.folder import TableRecords, all_records
 from ablations.report.dashboard.packed import packed_tables
 from ablations.report.dashboard.pictures import ShownImages
 from ablations.report.dashboard.runs import SourceRun, packed_runs
 from ablations.report.dashboard.studies import StudyView
-from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.provenance import this_commit
 from gaussian_enhancer.metrics.records import MISSING
 from gaussian_enhancer.report.templating import render
@@ -36,31 +34,6 @@ POLICY = "img-src data: file: 'self'; style-src 'unsafe-inline'; script-src 'uns
 """Content security policy: style and script are inside the page, pictures in folders beside it."""
 
 
-def write_dashboard(
-    path: str | Path,
-    title: str,
-    tables: Sequence[TableRecords],
-    runs: Sequence[SourceRun] = (),
-    pictures: ShownImages | None = None,
-    studies: Sequence[StudyView] = (),
-) -> None:
-    """Write the page.
-
-    Args:
-        path: the HTML file; written atomically.
-        title: the page's title.
-        tables: tables and their records.
-        runs: the runs that the records name.
-        pictures: pictures that were copied beside the page.
-        studies: further studies, whose diagrams were copied beside the page.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
-    text = document(title, tables, runs, pictures, studies)
-    write_text(path, text)
-
-
 def document(
     title: str,
     tables: Sequence[TableRecords],
@@ -68,7 +41,15 @@ def document(
     pictures: ShownImages | None = None,
     studies: Sequence[StudyView] = (),
 ) -> str:
-    """The page's HTML; arguments as in `write_dashboard`."""
+    """The page's HTML.
+
+    Args:
+        title: the page's title.
+        tables: tables and their records.
+        runs: the runs that the records name.
+        pictures: pictures that were copied beside the page.
+        studies: further studies, whose diagrams were copied beside the page.
+    """
     data = {**packed_tables(tables), **packed_runs(runs), **(pictures or ShownImages()).packed()}
     data["studies"] = [study.to_plain_values() for study in studies]
     records = all_records(tables)

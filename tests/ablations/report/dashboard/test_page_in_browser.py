@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from ablations.report.dashboard.folder import TableRecords, all_records, read_folder
-from ablations.report.dashboard.page import write_dashboard
+from ablations.report.dashboard.page import document
 from ablations.report.dashboard.pictures import copy_pictures
 from ablations.report.dashboard.runs import source_runs
 from ablations.study.description import SceneGroup
@@ -32,7 +32,7 @@ def written(tmp_path_factory: pytest.TempPathFactory, listed: tuple[TableRecords
     sources = source_runs(runs, all_records(listed))
     pictures = copy_pictures(listed, runs, folder)
     shutil.rmtree(runs)
-    write_dashboard(folder / "dashboard.html", "Suite", listed, sources, pictures)
+    (folder / "dashboard.html").write_text(document("Suite", listed, sources, pictures))
     return folder / "dashboard.html"
 
 
@@ -230,7 +230,7 @@ def test_of_ten_thousand_records_the_first_of_the_order_asked_for_are_drawn(brow
     ]
     assert len(made) == 10_010
     listed = (TableRecords(table, tuple(made), tuple(f"{i:012x}" for i in range(len(made))), "f" * 64),)
-    write_dashboard(tmp_path / "dashboard.html", "Large", listed)
+    (tmp_path / "dashboard.html").write_text(document("Large", listed))
     assert (tmp_path / "dashboard.html").stat().st_size < 4_000_000
     browser.get("about:blank")
     browser.get((tmp_path / "dashboard.html").as_uri())
