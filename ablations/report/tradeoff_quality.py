@@ -40,10 +40,10 @@ class TradeoffLimits:
     milliseconds: float
 
 
-READING = """Times are those of choosing and aligning references and of the network, views in memory, per megapixel of what comes
-out. Each view is timed several times and its median taken; the table gives the median and the quartiles over views. Mean
-squared error is that of the mean PSNR over views; 0.1 dB is 2.3 % anywhere on its axis. Choices are made on validation
-scenes; test scenes, which are of the second validation ([data](../data.md)), are shown.
+READING = """Times are those of choosing and aligning references and of the network, views in memory, per
+megapixel of what comes out. Each view is timed several times and its median taken; the table gives the median and the
+quartiles over views. Mean squared error is that of the mean PSNR over views; 0.1 dB is 2.3 % anywhere on its axis.
+Choices are made on validation scenes; test scenes, which are of the second validation ([data](../data.md)), are shown.
 """
 
 
