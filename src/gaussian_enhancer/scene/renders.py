@@ -52,8 +52,9 @@ def choose_step(root: Path, step: int | None = None) -> int:
     steps = run_steps(root)
     if not steps:
         remedy = "name a fitted run's folder with held-out renders"
-        if (root / "point_cloud").is_dir():
-            remedy += f", or render its splat: gaussians={root} {_scene_options(root)}"
+        splat = root / "splat.ply" if (root / "splat.ply").is_file() else root
+        if splat != root or (root / "point_cloud").is_dir():
+            remedy += f", or render its splat: gaussians={splat} {_scene_options(root)}"
         raise InputError(root, "holds no test/ours_<step>/renders", remedy)
     if step is not None and step not in steps:
         raise InputError(root, f"has no renders of step {step}", f"choose one of {', '.join(map(str, steps))}")
