@@ -90,29 +90,27 @@ def enhanced_views(
     Raises:
         InputError: a target has no photo.
     """
-    pool, planners = ReferencePool(rendered.references), list[Planner]()
-    for enhancer in enhancers.values():
-        if isinstance(enhancer, SetEnhancer) and all(p.reference_config != enhancer.reference_config for p in planners):
-            planners.append(Planner(rules, enhancer.reference_config, rendered, pool=pool))
+    pool, planners = ReferencePool(rendered.references), dict[str, Planner]()
+    for name, enhancer in enhancers.items():
+        if isinstance(enhancer, SetEnhancer):
+            config = enhancer.reference_config
+            equal = next((planner for planner in planners.values() if planner.reference_config == config), None)
+            planners[name] = equal or Planner(rules, config, rendered, pool=pool)
     for view in rendered.targets[::every]:
         if view.read_photo is None:
             raise InputError(view.name, "has no photo to compare with", "give runs with held-out photos")
         target, photo = read_target(view), view.read_photo()
-        aligned = [_align(view, target, planner) for planner in planners]
+        aligned = {planner: _align(view, target, planner) for planner in dict.fromkeys(planners.values())}
         results: dict[str, MethodResult] = {}
         for name, enhancer in enhancers.items():
-            if isinstance(enhancer, SetEnhancer):
-                planner, references = next(
-                    pair
-                    for pair in zip(planners, aligned, strict=True)
-                    if pair[0].reference_config == enhancer.reference_config
-                )
-                if planner(view, target).regions is None:
-                    image = enhancer.enhance(build_network_input(target, references))[0]
-                else:
-                    image = next(iter(enhancer(replace(rendered, targets=(view,)), planner))).image
-            else:
+            if not isinstance(enhancer, SetEnhancer):
                 image, references = enhancer(view, target, pool), Unwarped()(target, [], 0)
+            elif planners[name](view, target).regions is None:
+                references = aligned[planners[name]]
+                image = enhancer.enhance(build_network_input(target, references))[0]
+            else:
+                references = aligned[planners[name]]
+                image = next(iter(enhancer(replace(rendered, targets=(view,)), planners[name]))).image
             results[name] = MethodResult(image, references, measure_pair(image, photo, distances))
         yield MeasuredView(view, target.image, photo, measure_pair(target.image, photo, distances), results)
 

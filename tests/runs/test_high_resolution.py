@@ -22,9 +22,10 @@ def test_a_distilled_run_has_the_scene_of_its_fit(tmp_path):
     scene = {"_target_": "gaussian_enhancer.scene.procedural.procedural_scene", "family": "object", "seed": 1}
     fit = run_with(tmp_path / "fit", scene={**scene, "height": 48, "width": 64})
     distilled = run_with(tmp_path / "distilled", run=str(fit))
-    for run in (fit, distilled):
+    again = run_with(tmp_path / "again", run=str(distilled))
+    for run in (fit, distilled, again):
         rendered = HighResolutionPhotos(tmp_path / "fine")(run, read_run(run))
         assert all(view.read_fine_photo is not None for view in rendered.targets)
-    other = run_with(tmp_path / "other", label="none")
+    other = run_with(tmp_path / "other", run=str(tmp_path / "other"))
     with pytest.raises(InputError, match="names no scene"):
         HighResolutionPhotos(tmp_path / "fine")(other, read_run(other))

@@ -58,14 +58,18 @@ class HighResolutionPhotos:
 
 
 def _fit_of(run: Path) -> Path:
-    """The fit whose configuration names the scene: the run itself, or the fit that it distilled.
+    """The run whose configuration names the scene: the run itself, or the fit from which it was distilled.
 
     Raises:
-        InputError: the run's configuration cannot be read.
+        InputError: a configuration cannot be read.
     """
-    values = read_configuration(run / "config.yaml")
-    source = values.get("run")
-    return Path(source) if isinstance(source, str) and "scene" not in values else run
+    seen = set[Path]()
+    while run not in seen:
+        seen.add(run)
+        values = read_configuration(run / "config.yaml")
+        if "scene" not in values and isinstance(values.get("run"), str):
+            run = Path(values["run"])
+    return run
 
 
 def high_resolution_config(scene: DictConfig) -> DictConfig:
