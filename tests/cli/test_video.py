@@ -147,6 +147,15 @@ def test_a_splat_outside_the_views_of_its_capture_is_refused(sheet_run, bright, 
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [(("turns=3",), "turns"), (("radius=2",), "radius"), (("path=orbit", "cameras=4"), "cameras")],
+)
+def test_options_of_another_shape_are_refused(words, options, name):
+    with pytest.raises(InputError, match=f"{name}: was given beside path="):
+        run(configured(*words, *options))
+
+
 def test_another_path_of_the_same_name_is_another_run(sheet_run, bright, tmp_path):
     words = f"run={sheet_run}", f"weights={bright}", f"runs={tmp_path / 'runs'}", "format=frames"
     for count in (1, 2):

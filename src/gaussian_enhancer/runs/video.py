@@ -18,6 +18,7 @@ from gaussian_enhancer.infer.path_references import PathReferences
 from gaussian_enhancer.infer.validated_inputs import ValidatedInputs
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.runs import enhancement
+from gaussian_enhancer.runs.arguments import refuse_without_effect
 from gaussian_enhancer.runs.enhancement import prepare_enhancement, read_options
 from gaussian_enhancer.runs.inputs import Task, attach_fine, with_fine_photos
 from gaussian_enhancer.runs.path_surfaces import refuse_inside
@@ -40,6 +41,10 @@ from gaussian_enhancer.video.frames import frame_name
 from gaussian_enhancer.video.layout import Layout
 
 SHAPES: tuple[Shape, ...] = get_args(Shape)
+PATH_DEFAULTS = {"cameras": 16, "turns": None, "radius": 1.0}
+"""Options of the path that only some shapes have, with their values in ``conf/video.yaml``."""
+PATH_OPTIONS = {"interpolate": ("cameras",), "orbit": ("turns", "radius"), "spiral": ("turns", "radius")}
+"""The options of each shape; a path from a file has none of them."""
 FRAMES, FPS = 240, 30.0
 FORMATS = (*CODECS, "frames")
 SHAPE_TOLERANCE = 0.02
@@ -210,6 +215,8 @@ def compute_path(cfg: DictConfig, cameras: Sequence[Camera]) -> CameraPath:
     """
     shape_or_file, subject, height = str(cfg.path), f"path={cfg.path}", _whole_number(cfg, "height")
     name, fps = shape_or_file, None
+    changed = [key for key, default in PATH_DEFAULTS.items() if cfg[key] != default]
+    refuse_without_effect((key for key in changed if key not in PATH_OPTIONS.get(shape_or_file, ())), subject)
     clip = None if cfg.input is None else _open_clip(cfg)
     path_cameras: Sequence[Camera]
     if shape_or_file in SHAPES:
