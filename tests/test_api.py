@@ -359,7 +359,7 @@ def test_a_splat_is_read_and_rendered(views, tmp_path):
     assert Enhancer.from_pretrained("lr_tiny", background=white).background == (1.0, 1.0, 1.0)
     with pytest.raises(InputError, match="method: is 'nerf'; choose auto, 3dgs"):
         render(coloured_slab(), view.camera, "nerf")
-    with pytest.raises(InputError, match=r"background: is \[0\.0, 0\.0, 255\.0\]; give three numbers from 0 to 1"):
+    with pytest.raises(InputError, match=r"background: is \[0, 0, 255\]; give three numbers from 0 to 1"):
         render(coloured_slab(), view.camera, background=(0, 0, 255))
 
 

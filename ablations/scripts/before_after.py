@@ -24,7 +24,8 @@ from gaussian_enhancer.input_files import read_configuration
 from gaussian_enhancer.metrics.image_quality import psnr
 from gaussian_enhancer.runs.instantiate import require
 from gaussian_enhancer.scene.image_files import to_bytes
-from gaussian_enhancer.scene.photos import list_images, read_photo
+from gaussian_enhancer.scene.photos import images_by_stem, read_photo
+from gaussian_enhancer.scene.renders import run_steps
 
 PARTS = ("renders", "enhanced", "gt")
 CROP = 4
@@ -71,15 +72,11 @@ def read_views(run: Path) -> list[Compared]:
     Raises:
         InputError: the folder holds no enhanced views with photos.
     """
-    steps = {
-        int(path.parent.name.removeprefix("ours_")): path.parent
-        for path in run.glob("test/ours_*/enhanced")
-        if path.is_dir()
-    }
-    if not steps:
+    steps = run_steps(run)
+    if not steps or not (run / f"test/ours_{steps[-1]}/enhanced").is_dir():
         raise InputError(run, "holds no enhanced views", "give the folder of a job enhance without output=")
-    step = max(steps)
-    files = [{path.stem: path for path in list_images(steps[step] / part)} for part in PARTS]
+    step = steps[-1]
+    files = [images_by_stem(run / f"test/ours_{step}" / part) for part in PARTS]
     names = sorted(files[PARTS.index("enhanced")])
     for name, part in itertools.product(names, files):
         if name not in part:

@@ -85,7 +85,8 @@ def enhanced_views(
         distances: LPIPS distances that are measured as well.
         every: take every n-th target.
         rules: what a `SetEnhancer` may leave out of each view; by default nothing, which compares networks. `AUTO` of
-            `gaussian_enhancer.infer.plan` measures what the job ``enhance`` does by default.
+            `gaussian_enhancer.infer.plan` leaves out references and background as ``enhance`` does by default; depth is
+            not checked.
 
     Raises:
         InputError: a target has no photo.
@@ -117,5 +118,5 @@ def enhanced_views(
 
 def _align(view: RenderedView, target: LoadedView, planner: Planner) -> AlignedReferences:
     """The aligned references of a view, of those that its plan keeps."""
-    chosen = planner.reference_indices(planner(view, target))
+    chosen = None if planner.rules.full else planner.reference_indices(planner(view, target))
     return planner.reference_config.align(target, view, planner.pool, chosen)

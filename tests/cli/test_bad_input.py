@@ -518,6 +518,8 @@ def test_enhance_run_of_another_step_or_place(workplace: None, refused: Refused)
     assert "fitted: has no renders of step 5; choose one of 2" in refused(*FORMS["run"], "step=5")
     assert "capture: holds no test/ours_<step>/renders" in refused(*enhance("run=capture"))
     assert "nowhere: is no folder" in refused(*enhance("run=nowhere"))
+    both = ("references=fitted/train/ours_2/gt", "scene=capture", "scene.path=capture")
+    assert "references: are given beside scene" in refused(*FORMS["renders"], *both)
     shutil.rmtree("fitted/test")  # as after a fit that holds no view out
     assert "or render its splat: gaussians=fitted/splat.ply scene=" in refused(*enhance("run=fitted"))
 

@@ -3,6 +3,7 @@
 import itertools
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -147,6 +148,18 @@ def test_a_splat_outside_the_views_of_its_capture_is_refused(sheet_run, bright, 
     assert not (tmp_path / "runs").exists()
 
 
+def test_references_without_renders_are_rendered_from_the_splat(sheet_run):
+    cfg = job_config("video", f"run={sheet_run}", *QUIET)
+    opened = open_splat_with_capture(cfg, "video")
+    bare = tuple(replace(view, read=None, read_depth=None) for view in opened.rendered.references)
+    opened = replace(opened, rendered=replace(opened.rendered, references=bare))
+    references = opened.references_rendered_by(opened.renderer(cfg, "cpu")).references
+    assert [view.name for view in references] == [view.name for view in bare]
+    for view in references:
+        assert view.read().shape == view.read_photo().shape
+        assert view.read_depth().max() > 0
+
+
 @pytest.mark.parametrize(
     ("options", "name"),
     [(("turns=3",), "turns"), (("radius=2",), "radius"), (("path=orbit", "cameras=4"), "cameras")],
@@ -218,7 +231,7 @@ def test_a_video_that_was_rendered_elsewhere_is_enhanced_and_keeps_its_sound(she
         ((f"input={tmp_path / 'none.mp4'}",), "does not exist"),
         (("format=webm", f"output={tmp_path / 'enhanced_video.webm'}"), "cannot hold sound in aac"),
         ((f"output={clip}",), "is the input itself"),
-        (("format=frames", f"output={sheet_run / 'train/ours_100/gt'}"), "of the input; name another folder"),
+        (("format=frames", f"output={sheet_run / 'test/ours_100/gt'}"), "of the input; name another folder"),
     ):
         with pytest.raises(InputError, match=message):
             run(configured(*words, *extra))

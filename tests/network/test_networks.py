@@ -182,12 +182,15 @@ def test_a_batch_is_its_samples(learning):
 
 
 @pytest.mark.parametrize("kind", ["SIF", "SSIFLR", "SSIFSR", "Cascade"])
-def test_hidden_references_of_any_size_do_not_overflow(kind):
+def test_huge_colours_of_hidden_references_do_not_overflow(kind):
     network = trained(small, kind)
     seen = views_for(network)
     hidden = dataclasses.replace(seen, visibility=torch.zeros_like(seen.visibility))
     huge = dataclasses.replace(
-        hidden, references=hidden.references * 0 + 6e4, reference_renders=hidden.references * 0 - 6e4
+        hidden,
+        references=hidden.references * 0 + 6e4,
+        reference_renders=hidden.references * 0 - 6e4,
+        fine_references=None if hidden.fine_references is None else hidden.fine_references * 0 + 6e4,
     )
     with torch.no_grad(), torch.autocast("cpu", torch.float16):
         torch.testing.assert_close(network(huge), network(hidden), rtol=0, atol=2e-3)

@@ -36,8 +36,8 @@ def test_super_resolution_keeps_the_size_of_the_photo(tmp_path):
     assert torch.equal(read_photo(tmp_path / "out/enhanced/a.png"), torch.full((3, HEIGHT, WIDTH), 64 / 255))
 
 
-def test_what_is_measured_is_never_written_as_a_jpeg_again(tmp_path):
-    """A photo in another format or size keeps its pixels; an unchanged file is copied."""
+def test_a_photo_is_never_written_as_a_jpeg(tmp_path):
+    """A photo in another format than the render keeps its pixels; an unchanged file is copied."""
     photo = torch.rand(3, SIZE[1], SIZE[0], generator=torch.Generator().manual_seed(0))
     write_image(tmp_path / "photo.png", photo)
     write_image(tmp_path / "a.jpg", photo)

@@ -45,7 +45,8 @@ class Enhancer:
     Args:
         pretrained: weights from `load_weights`.
         device: device of the network: "cpu", "cuda", "cuda:1", ...; None selects CUDA if it is available.
-        background: background colour in [0, 1]. Regions of a render that show only this colour are passed through.
+        background: background colour, three numbers in [0, 1] or an array of them. Regions of a render that show only
+            this colour are passed through.
         options: options of the enhancement.
 
     Raises:
@@ -90,7 +91,7 @@ class Enhancer:
         Args:
             weights: a name ("lr_tiny", "sr_tiny") or the path of a ``.safetensors`` file.
             device: device of the network; None selects CUDA if it is available.
-            background: background colour in [0, 1].
+            background: background colour, three numbers in [0, 1] or an array of them.
             **options: fields of `EnhancementOptions`, for instance ``strength=0.5`` or ``depth_kind="surface"``.
 
         Raises:

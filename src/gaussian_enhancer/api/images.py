@@ -54,8 +54,9 @@ def read_background(background: Sequence[int | float] | Array) -> tuple[float, f
         InputError: it does not consist of three numbers from 0 to 1.
     """
     values = background.tolist() if isinstance(background, np.ndarray | Tensor) else background
-    is_text = isinstance(values, str)
-    return background_colour(values if is_text else [float(v) if isinstance(v, int) else v for v in values])
+    if not isinstance(values, Sequence) or isinstance(values, str):
+        return background_colour(values)
+    return background_colour([value.item() if isinstance(value, np.generic | Tensor) else value for value in values])
 
 
 def read_images(name: str, image: Any) -> tuple[Float[Tensor, "b 3 h w"], ImageKind]:

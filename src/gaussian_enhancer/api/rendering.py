@@ -25,7 +25,7 @@ def render(
         camera: the camera; it determines the image's size.
         method: "3dgs", "2dgs", "mip_splatting", or "auto" for the method that the splat was fitted with
             (`choose_method`).
-        background: background colour in [0, 1].
+        background: background colour, three numbers in [0, 1] or an array of them.
         near: near plane: smallest rendered z, in scene units.
 
     Returns:

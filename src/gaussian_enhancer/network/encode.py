@@ -63,7 +63,7 @@ def computing_dtype(layer: nn.Conv2d) -> torch.dtype:
 
 
 def limit_colours(image: Float[Tensor, "*b h w"]) -> Float[Tensor, "*b h w"]:
-    """Clamp an image to `COLOURS`. References may hold anything where they are hidden, and it must not overflow."""
+    """Clamp an image to `COLOURS`. Hidden references may hold any values, which could overflow float16."""
     return image.clamp(*COLOURS)
 
 

@@ -50,7 +50,8 @@ class HighResolutionPhotos:
         # Imported here because it loads the procedural scenes, which jobs without finer photos do not need.
         from gaussian_enhancer.scene.stored import read_scene_values, scene_from_values
 
-        fine_scene = high_resolution_values(read_scene_values(_fit_of(run) / "config.yaml"))
+        run = _fit_of(run)
+        fine_scene = high_resolution_values(read_scene_values(run / "config.yaml"))
         if not _is_procedural(fine_scene):
             return attach_fine_photos(rendered, scene_from_values(fine_scene))
         folder = self.folder / f"{run.name.split('-')[0]}-{digest_of(fine_scene)}"
@@ -64,7 +65,7 @@ def _fit_of(run: Path) -> Path:
         InputError: a configuration cannot be read.
     """
     seen = set[Path]()
-    while run not in seen:
+    while run not in seen and (run / "config.yaml").is_file():
         seen.add(run)
         values = read_configuration(run / "config.yaml")
         if "scene" not in values and isinstance(values.get("run"), str):

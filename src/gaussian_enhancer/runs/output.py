@@ -73,7 +73,7 @@ def write_enhanced_view(enhanced: EnhancedView, folder: Path, view: RenderedView
         InputError: the image cannot be written.
     """
     if enhanced.unchanged and view.read is not None:
-        if not _copied(view.read, folder / enhanced.name):
+        if not _copy_if_unmodified(view.read, folder / enhanced.name):
             write_image(folder / enhanced.name, view.read())
     else:
         write_image(folder / enhanced.name, resize_to_photo(enhanced.image, view, scale))
@@ -100,10 +100,11 @@ def write_sources(rendered: RenderedSet, folder: Path, scale: int) -> list[Path]
             if read is None:
                 continue
             path = folder / subfolder / view.name
-            if scale == 1 and _copied(read, path):
+            if scale == 1 and _copy_if_unmodified(read, path):
                 files.append(path)
                 continue
-            files.append(path.with_suffix(".png"))  # a JPEG would lose what is measured
+            # A photo as a JPEG would lose what images are compared with; renders have the format of enhanced images.
+            files.append(path.with_suffix(".png") if subfolder == "gt" else path)
             if scale == 1:
                 write_image(files[-1], read())
             elif subfolder == "gt":
@@ -159,7 +160,7 @@ def cost_records(views: Iterable[EnhancedView], run_name: str, task: Task) -> li
     return [Record("cost", *label, view.name, "enhanced", {"milliseconds": view.enhancing}) for view in views]
 
 
-def _copied(read: Callable[[], Tensor], path: Path) -> bool:
+def _copy_if_unmodified(read: Callable[[], Tensor], path: Path) -> bool:
     """Copy the image's file if it stores the same pixels in the path's format; otherwise, return False."""
     if not isinstance(read, ReadPhoto) or not _is_unmodified(read) or read.path.suffix != path.suffix:
         return False

@@ -26,9 +26,8 @@ def read_fitted_run(cfg: DictConfig) -> RenderedSet | None:
     """
     inputs = {name: cfg[name] for name in ("image", "run")}
     form = only_given(inputs, "simulate", "nothing to simulate from", "give one of image=FILE, run=FOLDER")
-    inapplicable = {"image": ("view", "step"), "run": ("depth",)}[form]
-    ignored = [name for name in inapplicable if cfg[name] is not None]
-    refuse_without_effect([*ignored, *(["depth_scale"] if form == "run" and cfg.depth_scale != 1 else [])], form)
+    defaults = {"view": None, "step": None} if form == "image" else {"depth": None, "depth_scale": 1}
+    refuse_without_effect((name for name, default in defaults.items() if cfg[name] != default), form)
     return read_run(cfg.run, cfg.step) if form == "run" else None
 
 

@@ -1,5 +1,6 @@
 """A splat with the capture that it was fitted to, read from a run's folder or from a splat file and its scene."""
 
+import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,9 +10,9 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.arguments import only_given
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer, open_renderer, refuse_unseen
-from gaussian_enhancer.scene.rendered import RenderedSet
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_run
-from gaussian_enhancer.scene.scene import Scene
+from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.io.result_folders import find_splat, latest_iteration
 from gaussian_enhancer.types import Camera
 
@@ -60,7 +61,9 @@ class SplatWithCapture:
             renderer: renderer of the splat.
         """
         if self.scene is None:
-            return self.rendered
+            read = self.rendered.references
+            references = tuple(view if view.read is not None else _rendered(view, renderer) for view in read)
+            return dataclasses.replace(self.rendered, references=references)
         references = tuple(map(renderer.reference, self.scene.train_photos))
         return RenderedSet(self.scene.name, (), references, self.scene.background, own_depth=True)
 
@@ -97,6 +100,13 @@ def splat_file(run: str | Path) -> Path:
         received = "holds neither splat.ply nor point_cloud/iteration_*/point_cloud.ply"
         raise InputError(run, received, "name a run's folder, or give gaussians=FILE with scene=...")
     return latest
+
+
+def _rendered(view: RenderedView, renderer: SplatRenderer) -> RenderedView:
+    """A reference with the splat's render of its camera."""
+    if view.read_photo is None:
+        return view
+    return renderer.reference(Photo(view.name, view.camera, view.read_photo))
 
 
 def _read_run(cfg: DictConfig) -> SplatWithCapture:

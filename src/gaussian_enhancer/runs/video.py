@@ -41,8 +41,6 @@ from gaussian_enhancer.video.frames import frame_name
 from gaussian_enhancer.video.layout import Layout
 
 SHAPES: tuple[Shape, ...] = get_args(Shape)
-PATH_DEFAULTS = {"cameras": 16, "turns": None, "radius": 1.0}
-"""Options of the path that only some shapes have, with their values in ``conf/video.yaml``."""
 PATH_OPTIONS = {"interpolate": ("cameras",), "orbit": ("turns", "radius"), "spiral": ("turns", "radius")}
 """The options of each shape; a path from a file has none of them."""
 FRAMES, FPS = 240, 30.0
@@ -140,6 +138,9 @@ def read_output(cfg: DictConfig, path: CameraPath | None = None) -> VideoOutput:
     if output_format == "frames":
         if output is not None and output.is_file():
             raise InputError(output, "cannot be written: it is a file", "name a folder")
+        for side in ("test", "train"):
+            if output is not None and cfg.run and output.resolve().is_relative_to((Path(cfg.run) / side).resolve()):
+                raise InputError(output, "holds images of the input", "name another folder")
         return VideoOutput(None, layout, output)
     if output is not None and output.is_dir():
         raise InputError(output, "cannot be written: it is a folder", f"name a file that ends in .{output_format}")
@@ -215,7 +216,7 @@ def compute_path(cfg: DictConfig, cameras: Sequence[Camera]) -> CameraPath:
     """
     shape_or_file, subject, height = str(cfg.path), f"path={cfg.path}", _whole_number(cfg, "height")
     name, fps = shape_or_file, None
-    changed = [key for key, default in PATH_DEFAULTS.items() if cfg[key] != default]
+    changed = [key for key in ("cameras", "turns", "radius") if cfg[key] != getattr(PathSettings(), key)]
     refuse_without_effect((key for key in changed if key not in PATH_OPTIONS.get(shape_or_file, ())), subject)
     clip = None if cfg.input is None else _open_clip(cfg)
     path_cameras: Sequence[Camera]

@@ -1,6 +1,5 @@
 """Views of a run, enhanced by several methods: metrics are those of the images, and equal preparations are shared."""
 
-import dataclasses
 from dataclasses import replace
 
 import pytest
@@ -65,7 +64,7 @@ def test_references_are_aligned_once_for_methods_that_prepare_them_alike(plane_r
 def test_rules_leave_out_what_the_job_enhance_leaves_out(plane_run, enhancers):
     """References that a coarse look does not choose, and plain background."""
     rendered, rules = read_run(plane_run), replace(AUTO, small=0, margin=8)
-    height, width = 48, 64
+    width = 64
     background = torch.tensor(rendered.background)[:, None, None]
 
     def half_empty(view):
@@ -81,11 +80,10 @@ def test_rules_leave_out_what_the_job_enhance_leaves_out(plane_run, enhancers):
         for one, made in zip(found, expected, strict=True):
             assert torch.equal(one.results["fewer"].image, made.image)
         assert {plan.regions is None for plan in planner.plans.values()} == {views is rendered}
-    assert found[0].render.shape == (3, height, width)
 
 
 def test_a_view_without_a_photo_is_refused(plane_run, enhancers):
     rendered = read_run(plane_run)
-    blind = dataclasses.replace(rendered, targets=(dataclasses.replace(rendered.targets[0], read_photo=None),))
+    blind = replace(rendered, targets=(replace(rendered.targets[0], read_photo=None),))
     with pytest.raises(InputError, match="no photo to compare with"):
         list(enhanced_views(blind, enhancers))
