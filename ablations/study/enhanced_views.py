@@ -104,13 +104,12 @@ def enhanced_views(
         aligned = {planner: _align(view, target, planner) for planner in dict.fromkeys(planners.values())}
         results: dict[str, MethodResult] = {}
         for name, enhancer in enhancers.items():
+            references = aligned[planners[name]] if name in planners else Unwarped()(target, [], 0)
             if not isinstance(enhancer, SetEnhancer):
-                image, references = enhancer(view, target, pool), Unwarped()(target, [], 0)
+                image = enhancer(view, target, pool)
             elif planners[name](view, target).regions is None:
-                references = aligned[planners[name]]
                 image = enhancer.enhance(build_network_input(target, references))[0]
             else:
-                references = aligned[planners[name]]
                 image = next(iter(enhancer(replace(rendered, targets=(view,)), planners[name]))).image
             results[name] = MethodResult(image, references, measure_pair(image, photo, distances))
         yield MeasuredView(view, target.image, photo, measure_pair(target.image, photo, distances), results)

@@ -54,15 +54,16 @@ class SplatWithCapture:
         refuse_unseen(renderer, self.cameras, file, self.rendered.name)
         return renderer
 
-    def references_rendered_by(self, renderer: SplatRenderer) -> RenderedSet:
+    def references_rendered_by(self, renderer: SplatRenderer, again: bool = False) -> RenderedSet:
         """The references; if the capture has no renders of them, they are rendered from the splat.
 
         Args:
             renderer: renderer of the splat.
+            again: render all of them, since the splat is another one than that of the capture's renders.
         """
         if self.scene is None:
             read = self.rendered.references
-            references = tuple(view if view.read is not None else _rendered(view, renderer) for view in read)
+            references = tuple(_rendered(view, renderer) if again or view.read is None else view for view in read)
             return dataclasses.replace(self.rendered, references=references)
         references = tuple(map(renderer.reference, self.scene.train_photos))
         return RenderedSet(self.scene.name, (), references, self.scene.background, own_depth=True)

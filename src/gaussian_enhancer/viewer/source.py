@@ -21,7 +21,6 @@ from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer
 from gaussian_enhancer.runs.splat_source import SplatWithCapture, open_splat_with_capture, splat_file
 from gaussian_enhancer.scene.rendered import RenderedSet
-from gaussian_enhancer.scene.scene import Photo
 from gaussian_enhancer.viewer.session import Choices, Session, SessionChoice
 from gaussian_enhancer.viewer.stage import Stage
 
@@ -112,10 +111,7 @@ class _StageBuilder:
     def _read(self, splat: str) -> tuple[SplatRenderer, RenderedSet]:
         """Open a splat: return its renderer, and the set of photos with the splat's renders of their views."""
         renderer = self.capture.renderer(self.cfg, self.device.type, self.files[splat])
-        rendered = self.capture.references_rendered_by(renderer)
-        if splat != RAW and self.capture.scene is None:
-            photos = (Photo(view.name, view.camera, view.read_photo) for view in rendered.references)  # type: ignore[arg-type]
-            rendered = replace(rendered, references=tuple(map(renderer.reference, photos)))
+        rendered = self.capture.references_rendered_by(renderer, again=splat != RAW)
         for warning in unlike_photos(ReferencePool(rendered.references)):
             self.notify(f"{splat}: {warning}")
         return renderer, rendered
