@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 from hydra import compose
 from omegaconf import DictConfig
 
-from ablations.report import readme, video
+from ablations.report import inserted_text
 from ablations.report.reliability import read_page
 from gaussian_enhancer.cli.main import package_of
 from gaussian_enhancer.errors import InputError
@@ -62,9 +62,8 @@ def remade(source: Path, folder: Path) -> list[Path]:
         for job, *overrides in JOBS:
             importlib.import_module(f"{package_of(job)}.{job}").run(compose(job, overrides))
         write_text("docs/reliability.md", read_page(RESULTS))
-        write_text(video.PAGE, video.fill_page(video.PAGE.read_text(encoding="utf-8"), RESULTS))
-        for front in (README, DOCS / "index.md"):
-            write_text(front, readme.fill_page((source / front).read_text(encoding="utf-8"), Path(), front))
+        for page in inserted_text.PAGES:
+            write_text(page, inserted_text.fill_page((source / page).read_text(encoding="utf-8"), Path(), page))
     regenerated = [README, *sorted(path.relative_to(folder) for path in (folder / DOCS).rglob("*") if path.is_file())]
     return [path for path in regenerated if not _same(source / path, folder / path)]
 

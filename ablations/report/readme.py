@@ -1,17 +1,14 @@
 """Makes the figures of the README and of the documentation's first page from committed records."""
 
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
 import pandas as pd
 
 from ablations.study.markdown import frame, markdown
-from ablations.study.rows import RowFile, frame_of, with_gains
+from ablations.study.rows import frame_of, with_gains
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.metrics.records import Record, read_records
+from gaussian_enhancer.metrics.records import Record
 
-TEST, CONVERGENCE = "docs/results/test.jsonl", "docs/results/convergence.jsonl"
-BEGIN, END = "<!-- {}: gaussian-enhancer pages write=true -->", "<!-- end -->"
 RAW, ENHANCED = "lr/raw", "lr/lr_tiny"
 SCENES = {
     "fox": "fox (real)",
@@ -89,51 +86,6 @@ def converged_table(rows: pd.DataFrame) -> str:
     gain, harmed = (sum(values) / len(means) for values in zip(*means, strict=True))
     mean = f"Mean of the {len(means)} at {CONVERGED_STEPS:,} steps: {gain:+.2f} dB, {harmed:.1%} of blocks worse."
     return f"{markdown(frame(headings, lines))}\n{mean}\n"
-
-
-FIGURES: dict[str, Callable[[Path], str]] = {
-    TEST: lambda path: frozen_test_sentence(read_records(path)),
-    CONVERGENCE: lambda path: converged_table(RowFile(path, ("method", "scene", "step", "view")).read()),
-}
-"""Texts by the file of their records."""
-
-
-def fill_page(page: str, folder: Path, name: str | Path = "README.md") -> str:
-    """Replace every text of a page that is made from records.
-
-    Args:
-        page: text of the page.
-        folder: the repository, or a copy of its documentation.
-        name: of the page, for errors.
-
-    Raises:
-        InputError: the page has no place for figures, or records are missing or damaged.
-    """
-    files = [file for file in FIGURES if BEGIN.format(file) in page]
-    if not files:
-        raise InputError(name, "has no place for its figures", f"put {BEGIN.format(TEST)} and {END} around them")
-    for file in files:
-        page = insert_between_marks(page, FIGURES[file](folder / file), BEGIN.format(file), name)
-    return page
-
-
-def insert_between_marks(page: str, new_text: str, begin: str, name: str | Path = "README.md") -> str:
-    """Replace the text between two marks of a page.
-
-    Args:
-        page: text of the page.
-        new_text: the new text between the marks.
-        begin: the first mark; `END` is the second.
-        name: of the page, for errors.
-
-    Raises:
-        InputError: the page has no such marks.
-    """
-    before, begin_mark, after_begin = page.partition(begin)
-    _, end_mark, after = after_begin.partition(END)
-    if not begin_mark or not end_mark:
-        raise InputError(name, "has no place for its figures", f"put {begin} and {END} around them")
-    return f"{before}{begin}\n{new_text}{END}{after}"
 
 
 def _worst(enhanced_views: pd.DataFrame) -> str:

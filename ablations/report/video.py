@@ -1,33 +1,31 @@
-"""Makes the tables of docs/video.md from committed records, and inserts them between marks of the page."""
+"""Makes the tables of docs/video.md from committed records."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
 
-from ablations.report.readme import insert_between_marks
 from ablations.scripts.flicker import compare_variants
 from ablations.study.markdown import markdown
 from ablations.study.row_table import read_layout, row_table
 from ablations.study.rows import RowFile, frame_of
-from gaussian_enhancer.metrics.records import Record, read_records
+from gaussian_enhancer.metrics.records import Record
 
-PAGE = Path("docs/video.md")
-SPEED = ("video_speed.json", "video_speed_one_thread.json")
-"""Records of speed in docs/results: with one thread per core, and with one thread."""
+ONE_THREAD = "video_speed_one_thread.json"
+"""Name of the records of speed with one thread, beside those with one thread per core."""
 UNMEASURED = "Not measured yet: no record was made while the machine had nothing else to do.\n"
 """Text in place of the table of speed if there is no record."""
-FLICKER = ("flicker_converged.jsonl", "flicker_path.jsonl")
-"""Records of flicker in docs/results: on converged splats of real captures, and on procedural worlds."""
 
 
-def mark(name: str) -> str:
-    """The mark in the page after which a record's table is inserted.
+def read_speed(path: Path) -> pd.DataFrame:
+    """Read the rows of the job ``video_speed``: with one thread per core, and with one thread, as far as measured.
 
     Args:
-        name: of the record's file.
+        path: the records with one thread per core.
     """
-    return f"<!-- docs/results/{name}: gaussian-enhancer pages write=true -->"
+    files = [file for file in (path, path.with_name(ONE_THREAD)) if file.is_file()]
+    rows = [RowFile(file, ("run", "threads"), option="run").read() for file in files]
+    return pd.concat(rows) if rows else pd.DataFrame()
 
 
 def speed_table(measured: pd.DataFrame) -> str:
@@ -54,21 +52,3 @@ def flicker_table(records: Sequence[Record]) -> str:
     """
     comparison = compare_variants(frame_of(records))
     return markdown(row_table(comparison[comparison["variant"] != "change"], read_layout("flicker_path")))
-
-
-def fill_page(page: str, results: Path) -> str:
-    """Insert the tables, made from records, into the page.
-
-    Args:
-        page: text of the page.
-        results: the folder of committed records.
-
-    Raises:
-        InputError: the page has no marks, a record is damaged, or a record of flicker is missing.
-    """
-    files = [results / name for name in SPEED if (results / name).is_file()]
-    rows = [RowFile(path, ("run", "threads"), option="run").read() for path in files]
-    page = insert_between_marks(page, speed_table(pd.concat(rows) if rows else pd.DataFrame()), mark(SPEED[0]), PAGE)
-    for name in FLICKER:
-        page = insert_between_marks(page, flicker_table(read_records(results / name)), mark(name), PAGE)
-    return page

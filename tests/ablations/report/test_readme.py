@@ -1,24 +1,11 @@
 """Figures of the README and of the documentation's first page are those of the records."""
 
-from pathlib import Path
-
 import pandas as pd
 import pytest
 
-from ablations.report.readme import (
-    BEGIN,
-    CAPTURES,
-    END,
-    SCENES,
-    TEST,
-    converged_table,
-    fill_page,
-    frozen_test_sentence,
-    insert_between_marks,
-)
+from ablations.report.readme import CAPTURES, SCENES, converged_table, frozen_test_sentence
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record
-from support.paths import ROOT
 
 
 def measured(run: str, scene: str, variant: str, psnr: float) -> Record:
@@ -34,12 +21,6 @@ def both(gain: float) -> list[Record]:
         for psnr in (20.0, 30.0)
         for variant, more in (("lr/raw", 0.0), ("lr/lr_tiny", gain))
     ]
-
-
-@pytest.mark.parametrize("name", ["README.md", "docs/index.md"])
-def test_the_front_pages_say_what_their_records_say(name: str) -> None:
-    page = (ROOT / name).read_text(encoding="utf-8")
-    assert fill_page(page, ROOT, name) == page
 
 
 def test_numbers_are_means_over_fits_and_the_worst_frame_is_told() -> None:
@@ -65,13 +46,3 @@ def test_converged_splats_are_shown_at_their_last_step_with_what_loses() -> None
     assert "| banana (validation) | 15,000 | 25.00 | +1.50 | +1.00 | 0/2 | 4.0% |" in made
     assert "| plush (validation) | 15,000 | 25.00 | -0.50 | **-0.50** | 1/1 | 4.0% |" in made
     assert made.endswith("\nMean of the 2 at 15,000 steps: +0.50 dB, 4.0% of blocks worse.\n")
-
-
-def test_only_what_stands_between_the_marks_is_replaced() -> None:
-    begin = BEGIN.format(TEST)
-    page = f"before\n{begin}\nold\n{END}\nafter"
-    assert insert_between_marks(page, "new\n", begin) == f"before\n{begin}\nnew\n{END}\nafter"
-    with pytest.raises(InputError, match="no place"):
-        insert_between_marks("before", "new", begin)
-    with pytest.raises(InputError, match="no place"):
-        fill_page("before", Path())

@@ -1,11 +1,10 @@
 """The tables of docs/video.md are those of its records."""
 
-import pytest
+import json
+from pathlib import Path
 
-from ablations.report.video import PAGE, SPEED, UNMEASURED, fill_page, mark, speed_table
+from ablations.report.video import ONE_THREAD, UNMEASURED, read_speed, speed_table
 from ablations.study.rows import frame_of
-from gaussian_enhancer.errors import InputError
-from support.paths import DOCS, ROOT
 
 MEASURED = {
     "milliseconds_a_frame": {"render": 20.0, "enhance": 100.4, "write": 5.0, "encode": 8.0, "together": 110.0},
@@ -23,11 +22,6 @@ MEASURED = {
 }
 
 
-def test_the_page_says_what_its_records_say() -> None:
-    page = (ROOT / PAGE).read_text(encoding="utf-8")
-    assert fill_page(page, DOCS / "results") == page
-
-
 def test_a_row_for_each_number_of_threads_and_how_it_was_measured() -> None:
     measured = frame_of([MEASURED, {**MEASURED, "threads": 2, "share": 0.5}])
     head, _, first, second, _, told = speed_table(measured).splitlines()
@@ -41,9 +35,10 @@ def test_a_row_for_each_number_of_threads_and_how_it_was_measured() -> None:
     )
 
 
-def test_a_page_without_marks_is_refused() -> None:
-    assert speed_table(frame_of([])) == UNMEASURED
-    with pytest.raises(InputError, match=r"docs/video\.md: has no place for its figures"):
-        fill_page("no marks", DOCS / "results")
-    with pytest.raises(InputError, match="has no place"):
-        fill_page(f"{mark(SPEED[0])}\nno end", DOCS / "results")
+def test_records_of_one_thread_follow_those_of_all_and_may_be_missing(tmp_path: Path) -> None:
+    path = tmp_path / "video_speed.json"
+    assert speed_table(read_speed(path)) == UNMEASURED
+    path.write_text(json.dumps({**MEASURED, "threads": 2}) + "\n")
+    assert list(read_speed(path)["threads"]) == [2]
+    (tmp_path / ONE_THREAD).write_text(json.dumps(MEASURED) + "\n")
+    assert list(read_speed(path)["threads"]) == [2, 1]
