@@ -24,15 +24,13 @@ class SplatWithCapture:
     Args:
         splat: file of the splat.
         cameras: cameras of all photos, in the capture's order.
-        rendered: the photos as references of a set. For a run, they come with renders, and the targets are those of
-            the run. Otherwise the set is empty, and `references_rendered_by` fills it.
-        scene: the photographed scene; None for a run.
+        rendered: the training photos as references of a set. Those of a run come with renders, and the targets are
+            those of the run.
     """
 
     splat: Path
     cameras: tuple[Camera, ...]
     rendered: RenderedSet
-    scene: Scene | None = None
 
     def renderer(self, cfg: DictConfig, device: str, splat: str | Path | None = None) -> SplatRenderer:
         """Create the renderer of the splat.
@@ -45,28 +43,23 @@ class SplatWithCapture:
         Raises:
             InputError: the splat cannot be read or lies outside the capture's views, or the method is unknown.
         """
-        if self.scene is None:
-            training = tuple(view.camera for view in self.rendered.references if view.camera is not None)
-        else:
-            training = self.scene.train_cameras
+        training = tuple(view.camera for view in self.rendered.references if view.camera is not None)
         file = self.splat if splat is None else splat
         renderer = open_renderer(file, training, self.rendered.background, cfg.method, device, cfg.invalid)
         refuse_unseen(renderer, self.cameras, file, self.rendered.name)
         return renderer
 
     def references_rendered_by(self, renderer: SplatRenderer, again: bool = False) -> RenderedSet:
-        """The references; if the capture has no renders of them, they are rendered from the splat.
+        """The set, whose references without a render are rendered from the splat.
 
         Args:
             renderer: renderer of the splat.
             again: render all of them, since the splat is another one than that of the capture's renders.
         """
-        if self.scene is None:
-            read = self.rendered.references
-            references = tuple(_rendered(view, renderer) if again or view.read is None else view for view in read)
-            return dataclasses.replace(self.rendered, references=references)
-        references = tuple(map(renderer.reference, self.scene.train_photos))
-        return RenderedSet(self.scene.name, (), references, self.scene.background, own_depth=True)
+        references = (
+            _rendered(view, renderer) if again or view.read is None else view for view in self.rendered.references
+        )
+        return dataclasses.replace(self.rendered, references=tuple(references))
 
 
 def open_splat_with_capture(cfg: DictConfig, job: str) -> SplatWithCapture:
@@ -126,6 +119,6 @@ def _read_splat_and_scene(cfg: DictConfig) -> SplatWithCapture:
     cameras = tuple(photo.camera for photo in scene.photos if photo.camera is not None)
     if len(cameras) < len(scene.photos):
         raise InputError(scene.name, "has photos without a camera", "give a capture with cameras")
-    return SplatWithCapture(
-        find_splat(cfg.gaussians), cameras, RenderedSet(scene.name, (), (), scene.background, True), scene
-    )
+    photos = (RenderedView(photo.name, None, photo.camera, read_photo=photo.read) for photo in scene.train_photos)
+    rendered = RenderedSet(scene.name, (), tuple(photos), scene.background, own_depth=True)
+    return SplatWithCapture(find_splat(cfg.gaussians), cameras, rendered)

@@ -41,6 +41,8 @@ def open_session(cfg: DictConfig, device: torch.device, notify: Callable[[str], 
         InputError: the input cannot be read, weights are missing, or an option is out of range.
     """
     capture = open_splat_with_capture(cfg, "view")
+    if not capture.cameras:
+        raise InputError(capture.rendered.name, "has no camera", "give a capture with cameras")
     files = {RAW: capture.splat} | ({} if cfg.distilled is None else {DISTILLED: _splat_path(cfg.distilled)})
     plans = _plans(build(cfg.plan))
     strength = None if cfg.strength is None else float(cfg.strength)
@@ -48,7 +50,7 @@ def open_session(cfg: DictConfig, device: torch.device, notify: Callable[[str], 
     initial_choice = SessionChoice(initial_splat, str(cfg.weights), next(iter(plans)), cfg.max_references, strength)
     choices = Choices(tuple(files), _weights(initial_choice.weights), plans)
     stages = _StageBuilder(cfg, device, capture, files, plans, notify)
-    session = Session(_capture_name(capture), capture.cameras, choices, initial_choice, stages.open)
+    session = Session(capture.rendered.name, capture.cameras, choices, initial_choice, stages.open)
     session.stage(initial_choice)
     return session
 
@@ -144,11 +146,3 @@ def _weights(configured: str) -> tuple[str, ...]:
     """Weights to choose from: the configured ones first, then the shipped ones."""
     shipped = sorted(file.stem for prefix in ("lr", "sr") for file in SHIPPED_FOLDER.glob(f"{prefix}_*.safetensors"))
     return tuple(dict.fromkeys((configured, *shipped)))
-
-
-def _capture_name(capture: SplatWithCapture) -> str:
-    """The capture's name; a capture without cameras is refused."""
-    name = capture.rendered.name if capture.scene is None else capture.scene.name
-    if not capture.cameras:
-        raise InputError(name, "has no camera", "give a capture with cameras")
-    return name
