@@ -75,16 +75,17 @@ def release(path: Path) -> None:
 
 
 @contextmanager
-def exclusive(path: Path) -> Iterator[None]:
-    """Hold a lock during the context; a second process is refused, even inside `wait_for_holders`.
+def exclusive(path: Path, wait: bool = False) -> Iterator[None]:
+    """Hold a lock during the context; a second process is refused or waits, whatever `wait_for_holders` says.
 
     Args:
         path: the same path as for `hold`.
+        wait: whether a second process waits.
 
     Raises:
-        InputError: another process holds the lock, or the folder cannot be written.
+        InputError: another process holds the lock and ``wait`` is not set, or the folder cannot be written.
     """
-    with wait_for_holders(False):
+    with wait_for_holders(wait):
         acquired = hold(path)
     try:
         yield

@@ -9,7 +9,7 @@ import hashlib
 import math
 import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -128,14 +128,9 @@ def recover_geometry(rendered: RenderedSet, root: Path, progress: ProgressCallba
     lacks_cameras = _lacks_cameras(rendered)
     folder = root / f"{rendered.name}-{digest_of({'images': _identities(rendered, lacks_cameras)})}"
     if not (folder / SUMMARY).is_file():
-        with lock.wait_for_holders():
-            acquired = lock.hold(folder)
-        try:
+        with lock.exclusive(folder, wait=True):
             if not (folder / SUMMARY).is_file():
                 _recover_missing(rendered, lacks_cameras, folder, progress)
-        finally:
-            if acquired:
-                lock.release(folder)
     return _read(rendered, lacks_cameras, folder)
 
 
@@ -186,9 +181,9 @@ def _read(rendered: RenderedSet, lacks_cameras: bool, folder: Path) -> Recovered
         attempt = f"structure from motion of {render_count} renders and {photo_count} photos"
         return RecoveredGeometry(rendered, f"{attempt} found no place that they share, {seconds[CAMERAS]:.0f} s")
     posed = _with_cameras(rendered, lacks_cameras, folder)
-    targets = tuple(_with_depth(view, folder / DEPTH / f"{RENDER}_{i:05d}.npy") for i, view in enumerate(posed.targets))
-    references = [_with_depth(v, folder / DEPTH / f"{PHOTO}_{i:05d}.npy") for i, v in enumerate(posed.references)]
-    photos = tuple(view for view in references if view.camera is not None or not lacks_cameras)
+    views = tuple(_with_depth(view, folder / DEPTH / f"{stem}.npy") for stem, view, _ in _images(posed))
+    targets = views[:render_count]
+    photos = tuple(view for view in views[render_count:] if view.camera is not None or not lacks_cameras)
     posed_set = replace(posed, targets=targets, references=photos, own_depth=False)
     depth = f"by plane sweep, {seconds[DEPTH]:.0f} s; kept in {folder}"
     if not lacks_cameras:
@@ -206,14 +201,17 @@ def _suffices_for_depth(posed: RenderedSet) -> bool:
     return photos >= MIN_PHOTOS and any(view.camera is not None for view in posed.targets)
 
 
+def _images(rendered: RenderedSet) -> list[tuple[str, RenderedView, Read]]:
+    """Each view, renders first: the stem of its files, the view, and the reader of its render or its photo."""
+    renders = [(f"{RENDER}_{i:05d}", view, _render_of(view)) for i, view in enumerate(rendered.targets)]
+    return renders + [(f"{PHOTO}_{i:05d}", view, _photo_of(view)) for i, view in enumerate(rendered.references)]
+
+
 def _unposed(rendered: RenderedSet) -> list[UnposedImage]:
     """Renders and photos as input of structure from motion, under the names by which `_with_cameras` looks them up."""
-    renders = [
-        UnposedImage(f"{RENDER}_{i:05d}.png", _render_of(view), True, True) for i, view in enumerate(rendered.targets)
-    ]
-    return renders + [
-        UnposedImage(f"{PHOTO}_{i:05d}.png", _photo_of(view), view.camera is not None or view.read is not None, False)
-        for i, view in enumerate(rendered.references)
+    return [
+        UnposedImage(f"{stem}.png", read, view.camera is not None or view.read is not None, stem.startswith(RENDER))
+        for stem, view, read in _images(rendered)
     ]
 
 
@@ -222,21 +220,15 @@ def _with_cameras(rendered: RenderedSet, lacks_cameras: bool, folder: Path) -> R
     if not lacks_cameras:
         return rendered
     model = read_model(folder / CAMERAS)
-    images = {image.name: image for image in model.images}
-
-    def camera(name: str, read: Read) -> tuple[Camera | None, Lens | None]:
-        image = images.get(name)
-        return (None, None) if image is None else _camera(model, image, read)
-
-    targets = []
-    for i, view in enumerate(rendered.targets):
-        recovered_camera, _ = camera(f"{RENDER}_{i:05d}.png", _render_of(view))
-        targets.append(replace(view, camera=recovered_camera, read_depth=None))
-    references = []
-    for i, view in enumerate(rendered.references):
-        recovered_camera, lens = camera(f"{PHOTO}_{i:05d}.png", _photo_of(view))
-        references.append(_undistort_photo(replace(view, camera=recovered_camera, read_depth=None), lens))
-    return replace(rendered, targets=tuple(targets), references=tuple(references))
+    model_images = {image.name: image for image in model.images}
+    views = []
+    for stem, view, read in _images(rendered):
+        image = model_images.get(f"{stem}.png")
+        camera, lens = (None, None) if image is None else _camera(model, image, read)
+        posed = replace(view, camera=camera, read_depth=None)
+        views.append(_undistort_photo(posed, lens) if stem.startswith(PHOTO) else posed)
+    count = len(rendered.targets)
+    return replace(rendered, targets=tuple(views[:count]), references=tuple(views[count:]))
 
 
 def _camera(model: ColmapModel, image: ColmapImage, read: Read) -> tuple[Camera, Lens]:
@@ -270,24 +262,21 @@ def _write_depths(
     from gaussian_enhancer.splat.fit.plane_sweep import SweepSettings, sweep_depths
 
     settings = SweepSettings(neighbours=4, reduction=1)
-    views = [(f"{RENDER}_{i:05d}.npy", v, _render_of(v)) for i, v in enumerate(rendered.targets)]
-    views += [(f"{PHOTO}_{i:05d}.npy", v, _photo_of(v)) for i, v in enumerate(rendered.references)]
-    names, images, cameras = [], [], []
-    for name, view, read in views:
+    files, images, cameras = [], [], []
+    for stem, view, read in _images(rendered):
         if view.camera is not None:
             image = read()
             shrink = min(1.0, (SWEPT_PIXELS / (image.shape[-2] * image.shape[-1])) ** 0.5)
             size = [max(8, round(side * shrink)) for side in image.shape[-2:]]
-            names.append(name)
+            files.append(folder / f"{stem}.npy")
             images.append(resize(image, *size))
             cameras.append(view.camera.resized(*size))
     photos = sum(view.camera is not None for view in rendered.references)
     advance = None if progress is None else lambda done, total: progress(DEPTH, done, total)
     known_points = Points(torch.empty(0, 3), torch.empty(0, 3)) if points is None else points
-    for name, depth in zip(
-        names, sweep_depths(images, cameras, photos, known_points, settings, progress=advance), strict=True
-    ):
-        save_array(folder / name, depth[0].numpy().astype(np.float32))
+    depths = sweep_depths(images, cameras, photos, known_points, settings, progress=advance)
+    for file, depth in zip(files, depths, strict=True):
+        save_array(file, depth[0].numpy().astype(np.float32))
 
 
 def _with_depth(view: RenderedView, path: Path) -> RenderedView:
@@ -347,15 +336,12 @@ def _size(read: Read) -> tuple[int, int]:
 
 def _identities(rendered: RenderedSet, lacks_cameras: bool) -> list[list[object]]:
     """The data that recovered geometry depends on: the images, and cameras if they were given."""
-
-    def identity(kind: str, view: RenderedView, read: Read) -> list[object]:
-        matrices: Sequence[Tensor] = (
-            () if lacks_cameras or view.camera is None else (view.camera.K, view.camera.world_to_camera)
-        )
-        return [kind, view.read is None, _content_key(read), [matrix.tolist() for matrix in matrices]]
-
-    renders = [identity("render", view, _render_of(view)) for view in rendered.targets]
-    return renders + [identity("photo", view, _photo_of(view)) for view in rendered.references]
+    identities: list[list[object]] = []
+    for stem, view, read in _images(rendered):
+        given = None if lacks_cameras else view.camera
+        matrices = [] if given is None else [given.K.tolist(), given.world_to_camera.tolist()]
+        identities.append([stem.partition("_")[0], view.read is None, _content_key(read), matrices])
+    return identities
 
 
 def _content_key(read: Read) -> str:
