@@ -12,7 +12,6 @@ from torch import Tensor
 from gaussian_enhancer.console import hides_progress, print_line, progress_bar
 from gaussian_enhancer.errors import INTERRUPTED
 from gaussian_enhancer.runs.enhancement import mismatch_warnings
-from gaussian_enhancer.runs.inputs import refuse_input_folder
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
@@ -52,8 +51,6 @@ def run(cfg: DictConfig) -> None:
     for line in filter(None, notes):
         print_line(console, line)
     rendered = video.task.rendered
-    if output.encoding is None and output.destination is not None:
-        refuse_input_folder(output.destination, rendered)
     job = open_run(naming_configuration(video), "video", f"{rendered.name}-{video.path.name}")
     planner = video.validated.planner(build(cfg.plan))
     folder = FrameFolder(job.folder / "frames")

@@ -20,7 +20,7 @@ from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.runs import enhancement
 from gaussian_enhancer.runs.arguments import refuse_without_effect
 from gaussian_enhancer.runs.enhancement import prepare_enhancement, read_options
-from gaussian_enhancer.runs.inputs import Task, attach_fine, with_fine_photos
+from gaussian_enhancer.runs.inputs import Task, attach_fine, refuse_input_folder, with_fine_photos
 from gaussian_enhancer.runs.path_surfaces import refuse_inside
 from gaussian_enhancer.runs.splat_source import open_splat_with_capture, splat_file
 from gaussian_enhancer.scene.camera_path import (
@@ -164,10 +164,13 @@ def prepare_video(cfg: DictConfig, device: torch.device) -> VideoTask:
         device: device of the rendering and of the network.
 
     Raises:
-        InputError: the input cannot be read, the path or the weights do not exist, or an option is out of range.
+        InputError: the input cannot be read, the path or the weights do not exist, the output folder holds files of the
+            input, or an option is out of range.
     """
     pretrained = load_weights(cfg.weights)
     path, task = read_path_task(cfg, device.type, pretrained.reference_config.fine)
+    if cfg.output:
+        refuse_input_folder(Path(cfg.output), task.rendered)
     enhancer, task, validated = prepare_enhancement(pretrained, task, read_options(cfg), device)
     references = PathReferences.from_config(validated.reference_config)
     enhancer.reference_config = references
