@@ -1,5 +1,6 @@
 import math
 from functools import partial
+from pathlib import Path
 
 import pytest
 
@@ -13,6 +14,7 @@ from gaussian_enhancer.splat.fit.densify import Densification
 from gaussian_enhancer.splat.fit.optimise import LearningRates
 from gaussian_enhancer.splat.fit.plane_sweep import SweepSettings
 from gaussian_enhancer.splat.fit.settings import FitSettings, Regularisation
+from gaussian_enhancer.typed import check_plain
 
 
 def test_the_defaults_are_of_their_types() -> None:
@@ -46,6 +48,21 @@ def test_a_value_of_another_type_is_named(kind, name: str, value) -> None:
     object.__setattr__(settings, name, value)  # the tests' own shape checks would stop a constructor's argument
     with pytest.raises(InputError, match=rf"{name}(\.0)?: is .*; give "):
         settings.__post_init__()
+
+
+@pytest.mark.parametrize(
+    ("value", "kind", "message"),
+    [
+        (123, str | None, "run: is 123; give text in two pairs of quotes: '\"123\"' or null"),
+        (1.5, str | Path, "run: is 1.5; give text in two pairs of quotes: '\"1.5\"'"),
+        ([7], list[str], "run.0: is 7; give text in two pairs of quotes: '\"7\"'"),
+        (True, str, "run: is True; give text"),
+    ],
+)
+def test_a_name_of_digits_is_said_to_need_quotes(value, kind, message: str) -> None:
+    with pytest.raises(InputError) as refusal:
+        check_plain(value, kind, "run")
+    assert str(refusal.value) == message
 
 
 @pytest.mark.parametrize("value", ["abc", math.nan, None])

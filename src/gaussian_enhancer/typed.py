@@ -115,6 +115,8 @@ def to_input_error(error: ValidationError, subject: str, kind: Any = None) -> In
 
 
 def _rule(error: ErrorDetails) -> str:
+    if error["type"] == "string_type" and type(error["input"]) in (int, float):
+        return f"text in two pairs of quotes: '\"{error['input']}\"'"  # the command line reads digits as a number
     template = RULES.get(error["type"])
     if template is not None:
         return template.format(**error.get("ctx", {}))

@@ -111,7 +111,7 @@ class Enhancing(Options):
     invalid: str
     method: str
     weights: PathText
-    max_references: NonNegativeInt | None
+    max_references: Annotated[int, Field(ge=0, le=8)] | None
     depth_kind: str
     strength: Share | None
     colour_clamping: NonNegativeInt
