@@ -130,8 +130,7 @@ def find_run(cfg: DictConfig, job: str) -> Run | None:
         job: name of the job.
     """
     digest = run_digest(cfg, job)
-    output = Path(cfg.output) if cfg.get("output") else None
-    folders = [output] if output else sorted((Path(cfg.runs) / job).glob(f"*-{digest}"))
+    folders = [Path(cfg.output)] if cfg.get("output") else sorted((Path(cfg.runs) / job).glob(f"*-{digest}"))
     return next((Run(folder, digest) for folder in folders if (folder / "config.yaml").is_file()), None)
 
 

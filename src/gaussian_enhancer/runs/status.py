@@ -27,6 +27,7 @@ StateName = Literal["not started", "running", "stopped", "failed", "done"]
 NAMES: tuple[StateName, ...] = ("not started", "running", "stopped", "failed", "done")
 
 _started_folders: ContextVar[list[Path] | None] = ContextVar("_started_folders", default=None)
+"""Folders of the runs that were started inside the innermost `track_runs`."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,9 @@ def track_runs(discard: bool = False) -> Iterator[None]:
     Args:
         discard: remove runs that were refused before they wrote a result, instead of marking them as failed.
     """
-    with lock.release_at_end(), _collect_started_runs() as folders:
+    folders: list[Path] = []
+    token = _started_folders.set(folders)
+    with lock.release_at_end():
         try:
             yield
         except Exception as error:
@@ -105,19 +108,9 @@ def track_runs(discard: bool = False) -> Iterator[None]:
                     write_json(folder / FAILED, {"error": f"{type(error).__name__}: {error}", "time": time.time()})
             raise
         finally:
+            _started_folders.reset(token)
             for folder in _unfinished(folders):
                 (folder / RUNNING).unlink(missing_ok=True)
-
-
-@contextmanager
-def _collect_started_runs() -> Iterator[list[Path]]:
-    """Yield a list to which the folder of each run that is started inside the context is appended."""
-    folders: list[Path] = []
-    token = _started_folders.set(folders)
-    try:
-        yield folders
-    finally:
-        _started_folders.reset(token)
 
 
 @contextmanager
