@@ -50,23 +50,14 @@ WITHOUT_EFFECT = {
 
 @dataclass(frozen=True)
 class InputPaths:
-    """The paths and options of one of three forms of input.
+    """The paths and options of one of three forms of input: a run, a splat or a folder of renders.
+
+    The fields are the options of the job ``enhance`` and the parameters of `enhance_folder`, which describe them. Only
+    the following differ.
 
     Args:
-        run: folder of a fitted run, this project's or original 3DGS output.
-        gaussians: file of a splat; it is rendered from the cameras of ``capture``.
-        renders: folder of renders.
-        step: for a run: the training step whose renders are enhanced; None selects the latest.
         every: enhance every n-th view.
         invalid: for a splat: treatment of Gaussians that are not finite, "refuse" or "drop".
-        method: for a splat: its rendering method (`choose_method`).
-        views: for a splat: the cameras of the capture that it is rendered from, "test", "train" or "all".
-        photos: for a folder: folder of photos. A photo with the name of a render is its ground truth; the others are
-            references.
-        references: for a folder: folder of reference photos, where ``photos`` holds only ground truth.
-        cameras: for a folder: ``cameras.json`` of renders and references.
-        depth: for a folder: folder of z-depth maps with the names of the renders.
-        depth_scale: for a folder: scene units per stored unit of depth.
         capture: the photographed scene whose training photos are references; required for a splat.
         attach_fine: attaches photos at 4 times the renders' resolution to the views of a run or a splat.
     """
