@@ -66,9 +66,8 @@ def distil_splat(
     target_device = choose_device("auto" if device is None else device)
     distil_settings = DistilSettings() if settings is None else settings
     enhancement_options = EnhancementOptions.of(**{"plan": "full", **options})
-    if isinstance(scene, str | Path):
-        scene = open_capture(scene, downscale=downscale)
-    splat, capture = find_splat_and_capture(run, gaussians, scene if isinstance(scene, Scene) else None)
+    given_capture = open_capture(scene, downscale=downscale) if isinstance(scene, str | Path) else scene
+    splat, capture = find_splat_and_capture(run, gaussians, given_capture)
     task = distil_task(splat, capture, distil_settings, prune, method=method, device=target_device)
     for warning in task.mismatch_warnings():
         warnings.warn(warning, stacklevel=2)

@@ -162,14 +162,11 @@ def cost_records(views: Iterable[EnhancedView], run_name: str, task: Task) -> li
 
 def _copy_if_unmodified(read: Callable[[], Tensor], path: Path) -> bool:
     """Copy the image's file if it stores the same pixels in the path's format; otherwise, return False."""
-    if not isinstance(read, ReadPhoto) or not _is_unmodified(read) or read.path.suffix != path.suffix:
+    if not isinstance(read, ReadPhoto) or read.lens is not None or read.path.suffix != path.suffix:
         return False
+    header = read_header(read.path)
+    if header.has_alpha or (header.height, header.width) != (read.height, read.width):
+        return False  # reading blends it with a background, or resizes it
     with atomic_write(path) as temporary:
         shutil.copyfile(read.path, temporary)
     return True
-
-
-def _is_unmodified(read: ReadPhoto) -> bool:
-    """Whether reading returns the file's pixels unmodified: not resized, undistorted or blended with a background."""
-    header = read_header(read.path)
-    return read.lens is None and not header.has_alpha and (header.height, header.width) == (read.height, read.width)

@@ -56,10 +56,13 @@ class SplatWithCapture:
             renderer: renderer of the splat.
             again: render all of them, since the splat is another one than that of the capture's renders.
         """
-        references = (
-            _rendered(view, renderer) if again or view.read is None else view for view in self.rendered.references
+        references = tuple(
+            renderer.reference(Photo(view.name, view.camera, view.read_photo))
+            if view.read_photo is not None and (again or view.read is None)
+            else view
+            for view in self.rendered.references
         )
-        return dataclasses.replace(self.rendered, references=tuple(references))
+        return dataclasses.replace(self.rendered, references=references)
 
 
 def open_splat_with_capture(cfg: DictConfig, job: str) -> SplatWithCapture:
@@ -94,13 +97,6 @@ def splat_file(run: str | Path) -> Path:
         received = "holds neither splat.ply nor point_cloud/iteration_*/point_cloud.ply"
         raise InputError(run, received, "name a run's folder, or give gaussians=FILE with scene=...")
     return latest
-
-
-def _rendered(view: RenderedView, renderer: SplatRenderer) -> RenderedView:
-    """A reference with the splat's render of its camera."""
-    if view.read_photo is None:
-        return view
-    return renderer.reference(Photo(view.name, view.camera, view.read_photo))
 
 
 def _read_run(cfg: DictConfig) -> SplatWithCapture:
