@@ -21,9 +21,8 @@ from gaussian_enhancer.cli import train, train_generator
 from gaussian_enhancer.cli.pipeline import fit_run
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_json
-from gaussian_enhancer.metrics.backbones import data_backbones
 from gaussian_enhancer.metrics.image_folders import Label
-from gaussian_enhancer.metrics.lpips import perceptual_distance
+from gaussian_enhancer.metrics.lpips import data_backbones, perceptual_distance
 from gaussian_enhancer.metrics.pair import PROTOCOL
 from gaussian_enhancer.metrics.records import Record, read_records, write_records
 from gaussian_enhancer.runs import status

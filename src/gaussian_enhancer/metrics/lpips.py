@@ -8,6 +8,7 @@ Axes: h height, w width.
 """
 
 import functools
+import os
 import pickle
 import warnings
 from collections.abc import Sequence
@@ -22,7 +23,6 @@ from torch import Tensor, nn
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.input_files import refuse_larger_archive
-from gaussian_enhancer.metrics.backbones import data_backbones
 
 
 @dataclass(frozen=True)
@@ -143,6 +143,13 @@ def perceptual_distance(
         command = f"from torchvision.models import *; {spec.builder}(weights={spec.weights}.IMAGENET1K_V1)"
         return PerceptualDistance(name, None, f"not measured: no backbone; get it with: python -c '{command}'")
     return PerceptualDistance(name, _network(net, file, str(device)))
+
+
+def data_backbones() -> Path | None:
+    """The folder ``lpips`` in the data folder ``GAUSSIAN_ENHANCER_DATA``; None if it does not exist."""
+    data = os.environ.get("GAUSSIAN_ENHANCER_DATA")
+    folder = Path(data) / "lpips" if data else None
+    return folder if folder is not None and folder.is_dir() else None
 
 
 def _find_backbone(net: str, path: Path | None) -> Path | None:
