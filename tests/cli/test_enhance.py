@@ -8,6 +8,7 @@ import torch
 
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.cli.enhance import naming_configuration, run
+from gaussian_enhancer.cli.options import check_options
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.plan import Rules
 from gaussian_enhancer.infer.weights import save_weights
@@ -131,7 +132,7 @@ def test_every_nth_view_is_enhanced_where_a_run_holds_many(plane_run, weights, t
     run(configured(f"run={plane_run}", "every=2", f"weights={weights}", f"output={tmp_path / 'out'}"))
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["view_000.png"]
     with pytest.raises(InputError, match="every"):
-        run(configured(f"run={plane_run}", "every=0", f"weights={weights}", f"output={tmp_path / 'out'}"))
+        check_options("enhance", configured("every=0"))
 
 
 def test_an_older_snapshot_and_a_folder_of_ones_own(plane_run, weights, tmp_path):

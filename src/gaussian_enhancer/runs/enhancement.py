@@ -220,12 +220,9 @@ def process_count(cfg: DictConfig) -> int:
         cfg: configuration of the job ``enhance``.
 
     Raises:
-        InputError: the number is not positive, there are fewer graphics cards, or each frame depends on the previous
-            one (temporal smoothing).
+        InputError: there are fewer graphics cards, or each frame depends on the previous one (temporal smoothing).
     """
-    count = cfg.runtime.get("processes", 1)
-    if not isinstance(count, int) or count < 1:
-        raise InputError("runtime.processes", f"is {count!r}", "give a positive number")
+    count: int = cfg.runtime.get("processes", 1)
     if count > 1 and cfg.temporal_smoothing:
         received = f"is {count} with temporal_smoothing={cfg.temporal_smoothing}"
         raise InputError("runtime.processes", received, "enhance a path by one process")

@@ -178,6 +178,4 @@ def attach_fine(cfg: DictConfig, rendered: RenderedSet) -> RenderedSet:
 
 def _every_nth(rendered: RenderedSet, every: int) -> RenderedSet:
     """The set with every n-th target, starting with the first."""
-    if every < 1:
-        raise InputError("every", f"is {every}", "give 1 (all views) or more")
     return replace(rendered, targets=rendered.targets[::every])

@@ -19,11 +19,9 @@ def start(runtime: DictConfig) -> torch.device:
             for later allocations instead of returning it to the system.
 
     Raises:
-        InputError: the device is unknown or absent, or the thread count is not positive.
+        InputError: the device is unknown or absent.
     """
     threads = usable_cores() if runtime.threads is None else runtime.threads
-    if not isinstance(threads, int) or threads < 1:
-        raise InputError("runtime.threads", f"is {threads!r}", "give a positive number or null")
     if runtime.keep_memory:
         memory.retain_freed_memory()
     torch.set_num_threads(threads)

@@ -4,7 +4,6 @@
 is timed on the first view here, and the recorded times are scaled by the ratio.
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -49,15 +48,12 @@ def apply_budget(
     """
     if cfg.get("budget_ms") is None:
         return cfg
-    budget = cfg.budget_ms
-    if isinstance(budget, bool) or not isinstance(budget, int | float) or not 0 < budget < math.inf:
-        raise InputError("budget_ms", f"is {budget!r}", "give milliseconds an image, above 0")
     _refuse_overridden(cfg)
     presets = read_presets(PRESETS)
     enhancer, task, *_ = prepare(_apply_preset(cfg, presets[0]), device)
     milliseconds, megapixels = time_first_view(enhancer, task.rendered)
     speed = milliseconds / (presets[0].milliseconds * megapixels)
-    chosen, line = choose_preset(presets, float(budget), megapixels, speed)
+    chosen, line = choose_preset(presets, float(cfg.budget_ms), megapixels, speed)
     print_line(console, line)
     return _apply_preset(cfg, chosen)
 
