@@ -4,10 +4,9 @@ import statistics
 from collections.abc import Sequence
 from pathlib import Path
 
-from gaussian_enhancer.metrics.pair import PROTOCOL, measure_pair
+from gaussian_enhancer.metrics.image_folders import Label, measure_files, pair_folders
 from gaussian_enhancer.metrics.records import Record, read_records, write_records
 from gaussian_enhancer.runs.run import Run
-from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Scene
 
 
@@ -27,17 +26,11 @@ def write_fit_records(
     Raises:
         InputError: a render cannot be read, or the records cannot be written.
     """
-    records = []
+    records: list[Record] = []
     for step in steps if scene.test else ():
-        rendered = read_run(job.folder, step, background=scene.background)
-        for view in rendered.targets:
-            if view.read is None or view.read_photo is None:
-                continue
-            image, photo = view.read(), view.read_photo()
-            quality = measure_pair(image, photo)
-            size = (image.shape[2], image.shape[1])
-            label = (job.folder.name, scene.name, f"{method}/{step}", view.name, "raw")
-            records.append(Record("quality", *label, quality.metrics, quality.reasons, size, PROTOCOL))
+        folder, label = job.folder / f"test/ours_{step}", Label(job.folder.name, scene.name, f"{method}/{step}", "raw")
+        files = pair_folders(folder / "renders", folder / "gt", label)
+        records += measure_files(files, background=scene.background)
     cost: dict[str, float | None] = {
         "milliseconds": None if seconds is None else 1e3 * seconds,
         "gaussians": float(count),
