@@ -10,7 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.align.alignment import LoadedView
-from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool, read_target
+from gaussian_enhancer.align.references import ReferencePool, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.path_references import PathReferences
@@ -97,7 +97,8 @@ class Film:
         self.folder, self.show_renders = folder, show_renders
         self.stored = tuple(folder.has(index) for index in range(len(rendered.targets)))
         self.overlapped = enhancer.device.type != "cpu" if overlapped is None else overlapped
-        network = enhancer.network
+        assert isinstance(enhancer.reference_config, PathReferences)
+        self._config, network = enhancer.reference_config, enhancer.network
         self._features = ReferenceFeatures(network) if isinstance(network, CachesReferences) else None
 
     @property
@@ -132,13 +133,13 @@ class Film:
         Raises:
             InputError: a frame on disk is damaged, or a reference cannot be read.
         """
-        config = _copy_config(self.enhancer.reference_config)
+        config = replace(self._config, kept=list(self._config.kept))  # each stage remembers its own frame
         for index, view in enumerate(self.rendered.targets):
             view = read_once(view)
             target = read_target(view) if self._needs_render(index) else None
             if self.stored[index]:
                 stored_frame = self.folder.read(index), self.folder.candidates(index)
-                _restore_candidates(config, stored_frame[1])
+                config.kept[:] = stored_frame[1]
                 yield RenderedFrame(index, view, target, stored_frame)
                 continue
             if target is not None:
@@ -153,14 +154,13 @@ class Film:
             rendered_frames: output of the first stage.
         """
         previous: PreviousChange | None = None
-        config = self.enhancer.reference_config
         for frame in rendered_frames:
             if frame.stored_frame is not None:
                 image, candidates = frame.stored_frame
-                _restore_candidates(config, candidates)
+                self._config.kept[:] = candidates
             else:
                 image = self._enhance(frame.view, previous)
-                candidates = tuple(config.kept) if isinstance(config, PathReferences) else ()
+                candidates = tuple(self._config.kept)
             target, previous = frame.target, None
             if target is not None and self.enhancer.temporal_smoothing > 0:
                 previous = PreviousChange(image - target.image, target)
@@ -193,13 +193,3 @@ class Film:
         if smoothing > 0:
             image, _ = smooth_change(image, read_target(view), previous, smoothing)
         return quantise_8_bit(image)
-
-
-def _copy_config(config: ReferenceConfig) -> ReferenceConfig:
-    """Copy a reference configuration, so that it remembers the previous frame's references independently."""
-    return replace(config, kept=list(config.kept)) if isinstance(config, PathReferences) else config
-
-
-def _restore_candidates(config: ReferenceConfig, candidates: tuple[str, ...]) -> None:
-    if isinstance(config, PathReferences):
-        config.kept[:] = candidates
