@@ -10,7 +10,13 @@ from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.gates.adaptive import AdaptiveGate
 from gaussian_enhancer.degrade.generative.second_stage import DiffusedGenerator, PairedGenerator
 from gaussian_enhancer.degrade.simulator import SecondStage, Simulator
-from gaussian_enhancer.report.simulation_files import draw_sample, provenance, write_record, write_sample, write_sheets
+from gaussian_enhancer.report.simulation_files import (
+    SimulatedRender,
+    provenance,
+    write_record,
+    write_sample,
+    write_sheets,
+)
 from gaussian_enhancer.report.simulation_parts import (
     gate_section,
     generator_section,
@@ -71,11 +77,13 @@ def run(cfg: DictConfig) -> None:
     samples, pictures = [], []
     generators = spawn(cfg.draws, torch.Generator().manual_seed(cfg.seed))
     for number, generator in enumerate(track(generators, "simulating", console=console, disable=progress_hidden)):
-        sample, view = draw_sample(simulator, photo, generator, f"samples/{number:03d}.png")
-        write_sample(job.folder / sample.file, view)
-        samples.append(sample)
+        file, seed = f"samples/{number:03d}.png", generator.initial_seed()
+        steps = simulator.gate.draw(torch.Generator().manual_seed(seed))  # as the simulator draws them
+        view = simulator(photo.view, [generator], photo.real)
+        write_sample(job.folder / file, view)
+        samples.append(SimulatedRender(file, seed, steps))
         if number < PICTURED:
-            pictures.append((sample.file, sample.steps, shrink_view(view)))
+            pictures.append((file, steps, shrink_view(view)))
     sections.append(sample_section(pictures, cfg.draws))
     write_sheets(job.folder, photo, sections, provenance(photo, cfg, fingerprint, gate))
     write_record(job.folder, cfg.seed, samples, fingerprint, gate)

@@ -5,7 +5,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import torch
 from omegaconf import DictConfig, OmegaConf
 
 from gaussian_enhancer.degrade.artefacts.view import View
@@ -13,7 +12,6 @@ from gaussian_enhancer.degrade.gates.adaptive import AdaptiveGate
 from gaussian_enhancer.degrade.gates.fingerprint import Fingerprint
 from gaussian_enhancer.degrade.gates.gate import ArtefactStep, Gate
 from gaussian_enhancer.degrade.photographed import SimulatorInput
-from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.files import atomic_write, save_array, write_json
 from gaussian_enhancer.report.simulation import EDGE, Section, sheet, write_page
 from gaussian_enhancer.scene.image_files import write_image
@@ -32,25 +30,6 @@ class SimulatedRender:
     file: str
     seed: int
     steps: tuple[ArtefactStep, ...]
-
-
-def draw_sample(
-    simulator: Simulator, photo: SimulatorInput, generator: torch.Generator, file: str
-) -> tuple[SimulatedRender, View]:
-    """Simulate one render.
-
-    Args:
-        simulator: gate and second stage.
-        photo: the photo, and its real render if it is known.
-        generator: random generator of this sample only; its seed reproduces the sample.
-        file: path of the image, relative to the job's folder.
-
-    Returns:
-        The record of the sample, and its pixels.
-    """
-    seed = generator.initial_seed()
-    steps = simulator.gate.draw(torch.Generator().manual_seed(seed))
-    return SimulatedRender(file, seed, steps), simulator(photo.view, [generator], photo.real)
 
 
 def write_sample(path: Path, view: View) -> None:
