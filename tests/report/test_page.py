@@ -6,9 +6,10 @@ import pytest
 import torch
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.report.cards import pictured_indices
 from gaussian_enhancer.report.compared import ComparedView
-from gaussian_enhancer.report.page import document, write_report
+from gaussian_enhancer.report.page import document
 from support.page_data import page_data
 from support.report_samples import NASTY, REASON, compared
 
@@ -146,12 +147,12 @@ def test_a_long_report_pictures_an_even_choice_with_the_worst() -> None:
 
 def test_the_file_is_written_whole(tmp_path, views: list[ComparedView], provenance: dict[str, str]) -> None:
     path = tmp_path / "deep" / "report.html"
-    write_report(path, "Title", views, provenance)
+    write_text(path, document("Title", views, provenance))
     assert path.read_text(encoding="utf-8").startswith("<!doctype html>")
     assert [p.name for p in path.parent.iterdir()] == ["report.html"]
     before = path.read_bytes()
     with pytest.raises(InputError, match="occurs twice"):
-        write_report(path, "Title", [views[0], views[0]], provenance)
+        write_text(path, document("Title", [views[0], views[0]], provenance))
     assert path.read_bytes() == before
 
 

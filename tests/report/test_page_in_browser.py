@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.report.compared import ComparedView
-from gaussian_enhancer.report.page import write_report
+from gaussian_enhancer.report.page import document
 
 pytestmark = pytest.mark.browser
 
@@ -17,7 +18,7 @@ pytestmark = pytest.mark.browser
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory, views: list[ComparedView], provenance: dict[str, str]) -> Path:
     path = tmp_path_factory.mktemp("report") / "report.html"
-    write_report(path, "Raw against enhanced", views, provenance)
+    write_text(path, document("Raw against enhanced", views, provenance))
     if folder := os.environ.get("GAUSSIAN_ENHANCER_SHOW_REPORT"):
         shutil.copy(path, folder)
     return path

@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.input_files import read_configuration
 from gaussian_enhancer.metrics.records import Record, read_records
 from gaussian_enhancer.report.collect import compared_views, provenance_of
 from gaussian_enhancer.report.compared import ComparedView
 from gaussian_enhancer.report.figures import contact_sheet
-from gaussian_enhancer.report.page import write_report
+from gaussian_enhancer.report.page import document
 from gaussian_enhancer.runs.status import DONE
 from gaussian_enhancer.scene.photos import background_colour
 from gaussian_enhancer.scene.renders import run_steps
@@ -35,20 +36,23 @@ class MeasuredRun:
 
 
 def write_page(path: Path, measured: MeasuredRun, *, title: str | None = None, most_pictured: int = 60) -> None:
-    """Write the page of a measured run.
+    """Write the page of a measured run, atomically.
 
     Args:
         path: the HTML file.
         measured: the run to show.
         title: title of the page; None uses scene and splat of the records.
         most_pictured: maximum number of views shown with pictures.
+
+    Raises:
+        InputError: see `document`, or the file cannot be written.
     """
     quality = [record for record in measured.records if record.kind == "quality"]
     default_title = f"{quality[0].scene} · {quality[0].splat}" if quality else measured.folder.name
     run = str(measured.config.get("run") or "")
     sources = {"Measurement": str(measured.folder), "Run": run, "Weights": weights_of(measured.config)}
     provenance = provenance_of(quality, sources)
-    write_report(path, title or default_title, measured.views, provenance, most_pictured=most_pictured)
+    write_text(path, document(title or default_title, measured.views, provenance, most_pictured=most_pictured))
 
 
 def open_measured(folder: str | Path) -> MeasuredRun:

@@ -7,10 +7,8 @@ import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from functools import partial
-from pathlib import Path
 from typing import Any
 
-from gaussian_enhancer.files import write_text
 from gaussian_enhancer.report.cards import CardImages, card, pictured_indices
 from gaussian_enhancer.report.compared import ComparedView, check_names
 from gaussian_enhancer.report.quantities import Quantity
@@ -21,18 +19,12 @@ POLICY = "img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
 """Content security policy: pictures, style and script are embedded in the page."""
 
 
-def write_report(
-    path: str | Path,
-    title: str,
-    views: Sequence[ComparedView],
-    provenance: Mapping[str, str],
-    *,
-    most_pictured: int = 60,
-) -> None:
-    """Write the page that compares renders before and after enhancement.
+def document(
+    title: str, views: Sequence[ComparedView], provenance: Mapping[str, str], *, most_pictured: int = 60
+) -> str:
+    """The HTML of the page that compares renders before and after enhancement.
 
     Args:
-        path: the HTML file, which is written atomically.
         title: the page's title.
         views: the compared views, in the order in which they are shown.
         provenance: origin of the numbers: commit, configuration, machine, time, weights.
@@ -40,17 +32,8 @@ def write_report(
             the worst one is pictured, and the page states this. Numbers are shown for all views.
 
     Raises:
-        InputError: there is no view, a name occurs twice, images of one view differ in size, or the file cannot be
-            written.
+        InputError: there is no view, a name occurs twice, or images of one view differ in size.
     """
-    text = document(title, views, provenance, most_pictured=most_pictured)
-    write_text(path, text)
-
-
-def document(
-    title: str, views: Sequence[ComparedView], provenance: Mapping[str, str], *, most_pictured: int = 60
-) -> str:
-    """The page's HTML; arguments as for `write_report`."""
     check_names(views)
     summaries = [summarise(views, quantity) for quantity in measured_quantities(views)]
     worst = worst_view(summaries)
