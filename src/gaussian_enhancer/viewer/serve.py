@@ -50,7 +50,7 @@ def serve_page(
         bound_port = server.get_port()
         if port not in (0, bound_port):
             raise InputError(f"port={port}", "is in use", "give another port, or port=0 for a free one")
-        _disable_sharing(server)
+        _set_up_panel(server)
         _set_initial_camera(server, session)
         page = Page(server, session, saved, settings, notify)
         page.worker.start()
@@ -63,8 +63,8 @@ def serve_page(
         _stop(server)
 
 
-def _disable_sharing(server: Any) -> None:
-    """Disable viser's sharing (button and request), which publishes the page through third-party servers."""
+def _set_up_panel(server: Any) -> None:
+    """Dock the panel, and disable viser's sharing, which publishes the page through third-party servers."""
     server.gui.configure_theme(show_share_button=False, show_logo=False)
     server.gui.main_panel.dock_right()  # beside the picture, not over it
     server.request_share_url = lambda *_, **__: None

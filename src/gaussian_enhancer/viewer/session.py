@@ -7,7 +7,7 @@ from functools import lru_cache
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.plan import Rules
 from gaussian_enhancer.types import Camera
-from gaussian_enhancer.viewer.stage import Stage, StageView, never_superseded
+from gaussian_enhancer.viewer.stage import Stage, StageView
 
 STAGE_CACHE_SIZE = 4
 """Number of stages that stay in memory."""
@@ -109,7 +109,7 @@ class Session:
         choice: SessionChoice,
         camera: Camera,
         enhance: bool = True,
-        superseded: Callable[[], bool] = never_superseded,
+        superseded: Callable[[], bool] | None = None,
     ) -> StageView | None:
         """Draw the view of a camera; see `Stage.draw`.
 

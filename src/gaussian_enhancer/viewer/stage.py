@@ -22,11 +22,6 @@ from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import Camera, usable_depth
 
 
-def never_superseded() -> bool:
-    """Return False: the view that is being drawn is never superseded."""
-    return False
-
-
 @dataclass(frozen=True)
 class Times:
     """Run times of a view in milliseconds.
@@ -106,7 +101,7 @@ class Stage:
         self._names = map("view {}.png".format, itertools.count())
 
     def draw(
-        self, camera: Camera, enhance: bool = True, superseded: Callable[[], bool] = never_superseded
+        self, camera: Camera, enhance: bool = True, superseded: Callable[[], bool] | None = None
     ) -> StageView | None:
         """Draw the view of a camera; None where it was superseded before it was enhanced.
 
@@ -114,6 +109,7 @@ class Stage:
             camera: camera of the picture; the render is smaller by the network's scale.
             enhance: whether to enhance the render.
             superseded: called between rendering and enhancement; returns whether a newer view was requested.
+                None if that cannot happen.
 
         Raises:
             InputError: a reference cannot be read.
@@ -129,7 +125,7 @@ class Stage:
         fields = camera, pixels.image, pixels.depth, pixels.alpha
         if not enhance:
             return StageView(*fields, None, None, (), Times(rendering))
-        if superseded():
+        if superseded is not None and superseded():
             return None
         target = view if self.uses_depth else replace(view, read_depth=None)
         single_view = replace(self.rendered, targets=(target,))
