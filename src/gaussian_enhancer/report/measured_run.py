@@ -50,7 +50,7 @@ def write_page(path: Path, measured: MeasuredRun, *, title: str | None = None, m
     quality = [record for record in measured.records if record.kind == "quality"]
     default_title = f"{quality[0].scene} · {quality[0].splat}" if quality else measured.folder.name
     run = str(measured.config.get("run") or "")
-    sources = {"Measurement": str(measured.folder), "Run": run, "Weights": weights_of(measured.config)}
+    sources = {"Measurement": str(measured.folder), "Run": run, "Weights": _weights_of(measured.config)}
     provenance = provenance_of(quality, sources)
     write_text(path, document(title or default_title, measured.views, provenance, most_pictured=most_pictured))
 
@@ -77,7 +77,7 @@ def open_measured(folder: str | Path) -> MeasuredRun:
     return MeasuredRun(views, (*records, *costs), config, root)
 
 
-def weights_of(config: Mapping[str, Any]) -> str:
+def _weights_of(config: Mapping[str, Any]) -> str:
     """The weights that the measured run was enhanced with, from its configuration; empty if unknown."""
     path = Path(config.get("run") or "") / "config.yaml"
     return str(read_configuration(path).get("weights") or "") if config.get("run") and path.is_file() else ""

@@ -75,13 +75,7 @@ class Session:
         open_stage: Callable[[SessionChoice], Stage],
     ) -> None:
         self.name, self.cameras, self.choices, self.initial_choice = name, tuple(cameras), choices, initial_choice
-
-        def open_with_strength(choice: SessionChoice) -> tuple[Stage, float]:
-            stage = open_stage(choice)
-            return stage, stage.enhancer.strength
-
-        self._open: Callable[[SessionChoice], tuple[Stage, float]]
-        self._open = lru_cache(maxsize=STAGE_CACHE_SIZE)(open_with_strength)
+        self._open: Callable[[SessionChoice], Stage] = lru_cache(maxsize=STAGE_CACHE_SIZE)(open_stage)
 
     def stage(self, choice: SessionChoice) -> Stage:
         """The stage of a choice, with the strength of the choice.
@@ -92,8 +86,8 @@ class Session:
         Raises:
             InputError: a splat or weights cannot be read, or a number is out of range.
         """
-        stage, default_strength = self._open(replace(choice, strength=None))
-        stage.enhancer.strength = default_strength if choice.strength is None else choice.strength
+        stage = self._open(replace(choice, strength=None))
+        stage.enhancer.strength = stage.default_strength if choice.strength is None else choice.strength
         return stage
 
     def strength(self, choice: SessionChoice) -> float:

@@ -95,7 +95,7 @@ class Stage:
     ) -> None:
         self.make_target, self.enhancer, self.rendered = make_target, enhancer, rendered
         self.planner, self.pool, self.uses_depth = planner, pool, uses_depth
-        enhancer.keeps_coverage = True
+        enhancer.keeps_coverage, self.default_strength = True, enhancer.strength
         network = enhancer.network
         self._features = ReferenceFeatures(network) if isinstance(network, CachesReferences) else None
         self._names = map("view {}.png".format, itertools.count())
