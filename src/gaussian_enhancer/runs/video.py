@@ -217,7 +217,9 @@ def compute_path(cfg: DictConfig, cameras: Sequence[Camera]) -> CameraPath:
     Raises:
         InputError: the path does not exist, it cannot be computed, or it leaves the capture.
     """
-    shape_or_file, subject, height = str(cfg.path), f"path={cfg.path}", _whole_number(cfg, "height")
+    shape_or_file, subject, height = str(cfg.path), f"path={cfg.path}", cfg.height
+    if height is not None and not 2 <= height <= 16384:
+        raise InputError("height", f"is {height}", "give pixels from 2 to 16384, or null")
     name, fps = shape_or_file, None
     changed = [key for key in ("cameras", "turns", "radius") if cfg[key] != getattr(PathSettings(), key)]
     refuse_without_effect((key for key in changed if key not in PATH_OPTIONS.get(shape_or_file, ())), subject)
@@ -285,15 +287,6 @@ def naming_configuration(video: VideoTask) -> DictConfig:
             configuration.pop(name, None)
         configuration.update({"output": None, "made_of": digests})
     return configuration
-
-
-def _whole_number(cfg: DictConfig, key: str) -> int | None:
-    value = cfg[key]
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, int) or not 2 <= value <= 16384:
-        raise InputError(key, f"is {value!r}", "give pixels from 2 to 16384, or null")
-    return value
 
 
 def _path_digest(cameras: Sequence[Camera]) -> str:

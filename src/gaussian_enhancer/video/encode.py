@@ -49,11 +49,10 @@ class Encoding:
     def __post_init__(self) -> None:
         if self.container not in CODECS:
             raise InputError("format", f"is {self.container!r}", f"choose {', '.join(CODECS)} or frames")
-        if isinstance(self.fps, bool) or not isinstance(self.fps, int | float) or not 0 < self.fps <= 1000:
+        if not 0 < self.fps <= 1000:
             raise InputError("fps", f"is {self.fps!r}", "give frames a second, above 0 to 1000")
         largest = 51 if self.container == "mp4" else 63
-        is_integer = isinstance(self.quality, int) and not isinstance(self.quality, bool)
-        if not is_integer or not 0 <= self.quality <= largest:
+        if not 0 <= self.quality <= largest:
             raise InputError("quality", f"is {self.quality!r}", f"give a whole number from 0 (best) to {largest}")
 
     def check(self, sound: Sequence[str] = ()) -> None:
