@@ -21,7 +21,7 @@ from gaussian_enhancer.infer.weights import Pretrained, load_weights
 from gaussian_enhancer.metrics.image_quality import psnr
 from gaussian_enhancer.runs.inputs import Task, read_task, refuse_input_folder
 from gaussian_enhancer.runs.instantiate import build
-from gaussian_enhancer.runs.recovered_geometry import RecoveryProgress, lacks_geometry, recover_geometry
+from gaussian_enhancer.runs.recovered_geometry import lacks_geometry, recover_geometry, recovery_progress
 from gaussian_enhancer.runs.runtime import choose_device
 from gaussian_enhancer.scene.neighbours import choose_references
 from gaussian_enhancer.scene.photos import resize
@@ -106,8 +106,8 @@ def recover_missing_geometry(
     warped = config.references > 0 and isinstance(config.warp, Reprojected) and options.rules.depth != "none"
     if not warped or not lacks_geometry(task.rendered):
         return task
-    with RecoveryProgress(show_progress) as bar:
-        recovered = recover_geometry(task.rendered, folder, bar.update)
+    with recovery_progress(show_progress) as progress:
+        recovered = recover_geometry(task.rendered, folder, progress)
     origins = {"cameras": recovered.cameras, "depth": recovered.depth}
     origins = {name: origin for name, origin in origins.items() if origin}
     return replace(task, rendered=recovered.rendered, depth="expected", origins=origins)

@@ -9,7 +9,8 @@ import hashlib
 import math
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -57,37 +58,28 @@ PROGRESS_LABELS = {
 Read = Callable[[], Tensor]
 
 
-class RecoveryProgress:
-    """A progress bar on standard error, if that is a terminal; it appears with the first update.
+@contextmanager
+def recovery_progress(shown: bool) -> Iterator[ProgressCallback]:
+    """A progress bar on standard error, if that is a terminal; it appears with the first call of the callback.
 
     Args:
         shown: whether to show the bar.
     """
+    console = Console(stderr=True)
+    hidden = not (shown and console.is_terminal)
+    bar = progress_bar(MofNCompleteColumn(), TimeElapsedColumn(), hidden=hidden, console=console)
+    tasks: dict[str, TaskID] = {}
 
-    def __init__(self, shown: bool) -> None:
-        console = Console(stderr=True)
-        hidden = not (shown and console.is_terminal)
-        self._bar = progress_bar(MofNCompleteColumn(), TimeElapsedColumn(), hidden=hidden, console=console)
-        self._tasks: dict[str, TaskID] = {}
+    def update(step: str, done: int, total: int) -> None:
+        if step not in tasks:
+            bar.start()
+            tasks[step] = bar.add_task(PROGRESS_LABELS[step], total=total)
+        bar.update(tasks[step], completed=done)
 
-    def __enter__(self) -> "RecoveryProgress":
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._bar.stop()
-
-    def update(self, step: str, done: int, total: int) -> None:
-        """Show the progress of a step.
-
-        Args:
-            step: one of `PROGRESS_LABELS`.
-            done: number of items done.
-            total: number of all items.
-        """
-        if step not in self._tasks:
-            self._bar.start()
-            self._tasks[step] = self._bar.add_task(PROGRESS_LABELS[step], total=total)
-        self._bar.update(self._tasks[step], completed=done)
+    try:
+        yield update
+    finally:
+        bar.stop()
 
 
 @dataclass(frozen=True)
