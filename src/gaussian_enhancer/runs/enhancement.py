@@ -194,7 +194,7 @@ def naming_configuration(cfg: DictConfig) -> DictConfig:
     the weights is added, so that a file with new content leads to a new run.
 
     Args:
-        cfg: configuration of the job ``enhance``.
+        cfg: configuration of the job ``enhance`` or ``video``.
 
     Raises:
         InputError: the weights do not exist.

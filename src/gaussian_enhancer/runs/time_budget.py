@@ -1,4 +1,4 @@
-"""``enhance budget_ms=``: choose the best preset that keeps within a time on this machine, at this image size.
+"""``budget_ms=`` of enhance and video: choose the best preset that keeps within a time here, at this image size.
 
 ``gaussian-enhancer tradeoff`` measured the presets on validation scenes, usually on another machine. The fastest preset
 is timed on the first view here, and the recorded times are scaled by the ratio.
@@ -38,7 +38,7 @@ def apply_budget(
     is returned as it is.
 
     Args:
-        cfg: configuration of the job ``enhance``.
+        cfg: configuration of the job ``enhance`` or ``video``.
         prepare: returns a `SetEnhancer`, the job's input and further values for a configuration and a device.
         device: where the network runs.
         console: where the choice and its reason are printed.
