@@ -127,6 +127,8 @@ def test_a_splat_and_its_capture_along_a_path_of_nerfstudio(sheet_run, bright, t
     assert [frame.shape for frame in decoded(tmp_path / "clip.mp4")] == [(3, 32, 40)] * 3
     with av.open(str(tmp_path / "clip.mp4")) as source:
         assert source.streams.video[0].average_rate == 12
+    with pytest.raises(InputError, match="of the input; name another folder"):
+        run(configured(*words, f"weights={bright}", "format=frames", f"output={photos[0].read.path.parent}"))
     results = tmp_path / "results"  # as gsplat's simple_trainer leaves it
     (results / "ply").mkdir(parents=True)
     shutil.copyfile(sheet_run / "splat.ply", results / "ply/point_cloud_29999.ply")
