@@ -53,9 +53,9 @@ def test_a_value_of_another_type_is_named(kind, name: str, value) -> None:
 @pytest.mark.parametrize(
     ("value", "kind", "message"),
     [
-        (123, str | None, "run: is 123; give text in two pairs of quotes: '\"123\"' or null"),
-        (1.5, str | Path, "run: is 1.5; give text in two pairs of quotes: '\"1.5\"'"),
-        ([7], list[str], "run.0: is 7; give text in two pairs of quotes: '\"7\"'"),
+        (123, str | None, 'run: is 123; give text ("123"; on the command line \'"123"\') or null'),
+        (1.5, str | Path, 'run: is 1.5; give text ("1.5"; on the command line \'"1.5"\')'),
+        ([7], list[str], 'run.0: is 7; give text ("7"; on the command line \'"7"\')'),
         (True, str, "run: is True; give text"),
     ],
 )

@@ -116,7 +116,8 @@ def to_input_error(error: ValidationError, subject: str, kind: Any = None) -> In
 
 def _rule(error: ErrorDetails) -> str:
     if error["type"] == "string_type" and type(error["input"]) in (int, float):
-        return f"text in two pairs of quotes: '\"{error['input']}\"'"  # the command line reads digits as a number
+        text = f'"{error["input"]}"'
+        return f"text ({text}; on the command line '{text}')"  # which reads digits as a number
     template = RULES.get(error["type"])
     if template is not None:
         return template.format(**error.get("ctx", {}))
