@@ -87,7 +87,7 @@ class IBGS:
             trainings[key] = path
         return cls(trainings, exposure)
 
-    def of(self, fit: Path, step: int) -> Applied:
+    def __call__(self, fit: Path, step: int) -> Applied:
         """The method at a step of a fit.
 
         Raises:
@@ -100,4 +100,4 @@ class IBGS:
                 f"has no training on {fit} at step {step}",
                 f"run gaussian-enhancer ibgs fit={fit} step={step}, and name its folder",
             )
-        return Applied(checkpoint_digest(path), ResidualEnhancer(TrainedResidual.load(path), self.exposure))
+        return checkpoint_digest(path), ResidualEnhancer(TrainedResidual.load(path), self.exposure)

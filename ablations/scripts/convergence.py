@@ -24,7 +24,7 @@ from ablations.study.engine import Study, job
 from ablations.study.enhanced_views import MeasuredView, enhanced_views
 from ablations.study.fits import finished_fits, fits_by_scene, scene_of
 from ablations.study.markdown import markdown
-from ablations.study.methods import FixedMethod, Method, TwoFits, average, name_of
+from ablations.study.methods import Method, average, name_of, two_fits
 from ablations.study.plots import STYLE
 from ablations.study.roles import ROLES, role_of, with_roles
 from ablations.study.row_table import TableLayout, row_table
@@ -126,12 +126,12 @@ def _requested_method(cfg: DictConfig, method: str, device: torch.device | None)
     if method == "average":
         return "average of render and references", average()
     if method == "two_fits":
-        return "average of two fits", TwoFits.from_patterns(cfg.second)
+        return "average of two fits", two_fits(cfg.second)
     if method in OTHERS:
         exposure = method == "ibgs"
         return "ibgs" if exposure else "ibgs without exposure", IBGS.from_patterns(cfg.ibgs, exposure)
     name, digest, enhancer = load_enhancer(method, device)
-    return name, FixedMethod(digest, enhancer)
+    return name, lambda fit, step: (digest, enhancer)
 
 
 def share_of(method: str, strength: str) -> float:
@@ -170,12 +170,12 @@ def measure_fit(
     """
     scene = scene_of(fit)
     for step in steps_of(fit, last):
-        applied = {name: method.of(fit, step) for name, method in methods.items()}
-        enhance = {name: method.enhance for name, method in applied.items()}
+        applied = {name: method(fit, step) for name, method in methods.items()}
+        enhance = {name: enhancer for name, (_, enhancer) in applied.items()}
         for view in enhanced_views(read_run(fit, step), enhance, distances, rules=AUTO):
             raw = {"raw_psnr": view.raw.metrics["psnr"], "raw_psnr_aligned": view.raw.metrics["psnr_aligned"]}
-            for name, method in applied.items():
-                keys = {"method": name, "weights": method.weights, "scene": scene, "step": step, "view": view.view.name}
+            for name, (weights, _) in applied.items():
+                keys = {"method": name, "weights": weights, "scene": scene, "step": step, "view": view.view.name}
                 gains = {f"gain_{metric}": value for metric, value in view.gains(name).items()}
                 yield {**keys, **raw, **gains, **harm(view.render, view.results[name].image, view.photo)}
 
@@ -194,7 +194,7 @@ def extreme_views(methods: Mapping[str, Method], fit: Path) -> Iterator[tuple[st
     photos = (
         f"Photos: {CREDITS[scene]}." if scene in CREDITS else "The photos are exact images of the procedural scene."
     )
-    enhanced = enhanced_views(read_run(fit, step), {method: first_method.of(fit, step).enhance}, rules=AUTO)
+    enhanced = enhanced_views(read_run(fit, step), {method: first_method(fit, step)[1]}, rules=AUTO)
     views = sorted(enhanced, key=lambda view: _gain(view, method))
     for word, view, crop in (("worst", views[0], harmed_block), ("best", views[-1], worst_block)):
         images = (quantise_8_bit(image) for image in (view.render, view.results[method].image, view.photo))
@@ -301,7 +301,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
     methods = requested_methods(cfg, device)
     for fit, method in ((fit, method) for fit in chosen for method in methods.values()):
         for step in steps_of(fit, cfg.last):
-            method.of(fit, step)  # missing inputs are refused before anything is measured
+            method(fit, step)  # missing inputs are refused before anything is measured
     distances = requested_distances(cfg.lpips, cfg.backbones, device) if chosen else []
 
     def measure(fit: Path) -> Iterator[dict[str, object]]:

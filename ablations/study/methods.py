@@ -3,10 +3,9 @@
 Axes: b batch, r references, h height, w width.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, runtime_checkable
 
 from jaxtyping import Float
 from torch import Tensor
@@ -35,43 +34,11 @@ def name_of(weights: str) -> str:
     return path.parent.name.rpartition("-")[0] or path.stem if path.suffix else weights
 
 
-@dataclass(frozen=True)
-class Applied:
-    """A method as it is applied to a fit at a step.
+Applied = tuple[str, SetEnhancer | ViewMethod]
+"""A method at a step of a fit: an identity (digest of weights, name of a second fit, or "none"), and the enhancer."""
 
-    Args:
-        weights: identifies the method: the digest of its weights, the name of its second fit, or "none".
-        enhance: enhances a view.
-    """
-
-    weights: str
-    enhance: SetEnhancer | ViewMethod
-
-
-@runtime_checkable
-class Method(Protocol):
-    """A method of a study."""
-
-    def of(self, fit: Path, step: int) -> Applied:
-        """The method at a step of a fit."""
-        ...
-
-
-@dataclass(frozen=True)
-class FixedMethod:
-    """A method that is the same for all fits.
-
-    Args:
-        weights: digest of its weights.
-        enhancer: enhances the views.
-    """
-
-    weights: str
-    enhancer: SetEnhancer
-
-    def of(self, fit: Path, step: int) -> Applied:
-        """The method."""
-        return Applied(self.weights, self.enhancer)
+Method = Callable[[Path, int], Applied]
+"""A method of a study, as a function of a fit's folder and step."""
 
 
 class Average(Network):
@@ -87,11 +54,11 @@ class Average(Network):
         return (total / (1 + views.visibility.sum(1)),)
 
 
-def average() -> FixedMethod:
+def average() -> Method:
     """The average of render and warped references, with references aligned as for the shipped weights."""
     config = ReferenceConfig()
     enhancer = SetEnhancer(Average(), config, precision="float32", colour_clamping=0, colour_completion=False)
-    return FixedMethod("none", enhancer)
+    return lambda fit, step: ("none", enhancer)
 
 
 @dataclass(frozen=True)
@@ -125,38 +92,24 @@ class RenderAverage:
         return (target.image + image) / 2
 
 
-@dataclass(frozen=True)
-class TwoFits:
+def two_fits(patterns: Sequence[str]) -> Method:
     """The average of the renders of two fits of a scene, at the same step.
 
+    The method refuses a step at which its scene has no second fit with the same held-out views.
+
     Args:
-        others: folder of the second fit, by scene.
+        patterns: folders of the second fits; may contain ``*``.
+
+    Raises:
+        InputError: there is none, or two are of one scene.
     """
+    if not patterns:
+        raise InputError("second", "names no fit", "give a second fit of each scene, or leave two_fits out")
+    others = fits_by_scene(finished_fits(patterns))
 
-    others: Mapping[str, Path]
-
-    @classmethod
-    def from_patterns(cls, patterns: Sequence[str]) -> "TwoFits":
-        """Use the finished fits that match patterns as second fits.
-
-        Args:
-            patterns: folders of fits; may contain ``*``.
-
-        Raises:
-            InputError: there is none, or two are of one scene.
-        """
-        if not patterns:
-            raise InputError("second", "names no fit", "give a second fit of each scene, or leave two_fits out")
-        return cls(fits_by_scene(finished_fits(patterns)))
-
-    def of(self, fit: Path, step: int) -> Applied:
-        """The method at a step of a fit.
-
-        Raises:
-            InputError: there is no second fit of its scene with renders of the step, or it is the same one.
-        """
+    def method(fit: Path, step: int) -> Applied:
         scene = scene_of(fit)
-        second_fit = self.others.get(scene)
+        second_fit = others.get(scene)
         if second_fit is None or second_fit.resolve() == fit.resolve():
             raise InputError("second", f"names no other fit of {scene} than {fit}", "give one, or leave two_fits out")
         if step not in run_steps(second_fit):
@@ -165,4 +118,6 @@ class TwoFits:
         missing_views = sorted({view.name for view in read_run(fit, step).targets} - set(views))
         if missing_views:
             raise InputError(second_fit, f"did not hold out {missing_views[0]}", "give a fit with the same split")
-        return Applied(second_fit.resolve().name, RenderAverage(views))
+        return second_fit.resolve().name, RenderAverage(views)
+
+    return method

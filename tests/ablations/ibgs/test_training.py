@@ -134,7 +134,7 @@ def test_the_job_trains_once_and_convergence_measures_its_network(plane_run, tmp
     found = IBGS.from_patterns([f"{tmp_path}/runs/ibgs/*"])
     assert set(found.trainings) == {(fit.name, 50), (fit.name, 100)}
     with pytest.raises(InputError, match=r"has no training on .* at step 7"):
-        found.of(fit, 7)
+        found(fit, 7)
     with pytest.raises(InputError, match="names no training"):
         IBGS.from_patterns([])
 

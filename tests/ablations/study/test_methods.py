@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from ablations.study.enhanced_views import enhanced_views
-from ablations.study.methods import Average, TwoFits, average, name_of
+from ablations.study.methods import Average, average, name_of, two_fits
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record, write_records
 from gaussian_enhancer.scene.renders import read_run
@@ -32,8 +32,8 @@ def test_the_average_weighs_references_by_visibility():
 
 
 def test_the_average_is_of_render_and_the_shipped_weights_references(plane_run):
-    method = average().of(plane_run, 100)
-    for one in enhanced_views(read_run(plane_run), {"average": method.enhance}):
+    _, enhancer = average()(plane_run, 100)
+    for one in enhanced_views(read_run(plane_run), {"average": enhancer}):
         result = one.results["average"]
         total = one.render + (result.aligned.visibility * result.aligned.references).sum(0)
         expected = total / (1 + result.aligned.visibility.sum(0))
@@ -49,10 +49,10 @@ def fit_of(folder: Path, scene: str = "plush", **choices: object) -> Path:
 
 def test_two_fits_are_averaged(tmp_path):
     first, second = fit_of(tmp_path / "a"), fit_of(tmp_path / "b", seed=1)
-    applied = TwoFits.from_patterns([str(second)]).of(first, 100)
-    assert applied.weights == "b"
+    name, enhancer = two_fits([str(second)])(first, 100)
+    assert name == "b"
     others = read_run(second).targets
-    for one, other in zip(enhanced_views(read_run(first), {"two": applied.enhance}), others, strict=True):
+    for one, other in zip(enhanced_views(read_run(first), {"two": enhancer}), others, strict=True):
         assert torch.equal(one.results["two"].image, (one.render + other.read()) / 2)
         assert one.results["two"].aligned.names == ()
 
@@ -60,17 +60,17 @@ def test_two_fits_are_averaged(tmp_path):
 def test_second_fits_that_do_not_match_are_refused(tmp_path):
     first, second = fit_of(tmp_path / "a"), fit_of(tmp_path / "b", seed=1)
     with pytest.raises(InputError, match="no other fit of plush"):
-        TwoFits.from_patterns([str(first)]).of(first, 100)
+        two_fits([str(first)])(first, 100)
     with pytest.raises(InputError, match="no other fit of plush"):
-        TwoFits.from_patterns([str(fit_of(tmp_path / "c", "banana"))]).of(first, 100)
+        two_fits([str(fit_of(tmp_path / "c", "banana"))])(first, 100)
     with pytest.raises(InputError, match="is of the scene plush"):
-        TwoFits.from_patterns([str(first), str(second)])
+        two_fits([str(first), str(second)])
     with pytest.raises(InputError, match="names no fit"):
-        TwoFits.from_patterns([])
+        two_fits([])
     with pytest.raises(InputError, match="no renders of step 50"):
-        TwoFits.from_patterns([str(second)]).of(first, 50)
+        two_fits([str(second)])(first, 50)
     with pytest.raises(InputError, match=r"did not hold out view_004\.png"):
-        TwoFits.from_patterns([str(fit_of(tmp_path / "d", views=4))]).of(first, 100)
-    small = TwoFits.from_patterns([str(fit_of(tmp_path / "e", size=(24, 32)))]).of(first, 100)
+        two_fits([str(fit_of(tmp_path / "d", views=4))])(first, 100)
+    _, small = two_fits([str(fit_of(tmp_path / "e", size=(24, 32)))])(first, 100)
     with pytest.raises(InputError, match="32x24 in the second fit, 64x48"):
-        list(enhanced_views(read_run(first), {"two": small.enhance}))
+        list(enhanced_views(read_run(first), {"two": small}))
