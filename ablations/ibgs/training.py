@@ -148,19 +148,8 @@ def train_residual(
     return network.eval()
 
 
-@dataclass(frozen=True)
-class CropBatch:
-    """A batch of crops.
-
-    Args:
-        inputs: of the network.
-        photo: the target of the training.
-        exposure: colour map of each crop's view.
-    """
-
-    inputs: ResidualInput
-    photo: Float[Tensor, "b 3 h w"]
-    exposure: Float[Tensor, "b 3 4"]
+CropBatch = tuple[ResidualInput, Float[Tensor, "b 3 h w"], Float[Tensor, "b 3 4"]]
+"""A batch of crops: the network's input, the photos, and the colour map of each crop's view."""
 
 
 def drawn(views: Sequence[TrainingView], settings: ResidualSettings, step: int) -> CropBatch:
@@ -182,7 +171,7 @@ def drawn(views: Sequence[TrainingView], settings: ResidualSettings, step: int) 
         photos.append(view.photo[cut])
         maps.append(view.exposure)
     batch = ResidualInput(**{name: torch.cat([crop[name] for crop in inputs]) for name in inputs[0]})
-    return CropBatch(batch, torch.stack(photos), torch.stack(maps))
+    return batch, torch.stack(photos), torch.stack(maps)
 
 
 def loss(network: IBGSResidual, crops: CropBatch, dissimilarity: float) -> Float[Tensor, ""]:
@@ -190,12 +179,13 @@ def loss(network: IBGSResidual, crops: CropBatch, dissimilarity: float) -> Float
 
     Args:
         network: in training.
-        crops: input and photos.
+        crops: from `drawn`.
         dissimilarity: weight of the second term.
     """
-    image = corrected(network, crops.inputs, crops.exposure)
-    difference = (image - crops.photo).abs().mean()
-    return (1 - dissimilarity) * difference + dissimilarity * dssim(image, crops.photo).mean()
+    inputs, photo, exposure = crops
+    image = corrected(network, inputs, exposure)
+    difference = (image - photo).abs().mean()
+    return (1 - dissimilarity) * difference + dissimilarity * dssim(image, photo).mean()
 
 
 def corrected(

@@ -4,8 +4,8 @@ Every plan enhances the same views in the same process, in turn, with the steps 
 files, make the plan, warp references, run the network. Images are not written.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -42,17 +42,8 @@ WORLDS = {
 }
 
 
-@dataclass(frozen=True)
-class PlanOutcome:
-    """The result of a plan on a scene's views.
-
-    Args:
-        plan: the plan, with the decision of every view.
-        images: the enhanced views.
-    """
-
-    plan: Plan
-    images: tuple[EnhancedView, ...]
+PlanOutcome = tuple[Plan, tuple[EnhancedView, ...]]
+"""A plan with the decision of every view of a scene, and the enhanced views."""
 
 
 def output_path(cfg: DictConfig) -> Path:
@@ -133,7 +124,7 @@ def enhanced_by(rules: Rules, pretrained: Pretrained, rendered: RenderedSet, dev
         read_file()
     images = tuple(enhancer(validated.rendered, planner, validated.pool))
     views = tuple(enhanced.plan for enhanced in images if enhanced.plan is not None)
-    return PlanOutcome(Plan(rendered.name, rules, validated.parts, views), images)
+    return Plan(rendered.name, rules, validated.parts, views), images
 
 
 def _cell(cfg: DictConfig, name: str, console: Console) -> Iterator[Record]:
@@ -167,12 +158,12 @@ def _measured(cfg: DictConfig, cell: StudyCell, background: bool) -> Iterator[Re
     times = time_interleaved(calls, cfg.repeats, 1, device)
     first_view = replace(rendered, targets=rendered.targets[:1])
     distances = requested_distances(cfg.lpips, cfg.backbones, device)
-    for name, outcome in outcomes.items():
-        peak = peak_memory(partial(enhanced_by, outcome.plan.rules, pretrained, first_view, device), device)
-        record = _scene_record(fit.name, cell, name, outcome, times[name], peak, background)
+    for name, (plan, images) in outcomes.items():
+        peak = peak_memory(partial(enhanced_by, plan.rules, pretrained, first_view, device), device)
+        record = _scene_record(fit.name, cell, name, outcomes[name], times[name], peak, background)
         ratios = dict(zip(RATIOS, times_faster(times[name], times[cfg.baseline]), strict=True))
         yield replace(record, metrics={**record.metrics, **ratios})
-        for record in _view_records(rendered, outcome, distances):
+        for record in _view_records(rendered, images, distances):
             yield replace(record, run=fit.name, scene=cell.scene, splat=cell.splat, variant=name)
 
 
@@ -180,32 +171,35 @@ def _scene_record(
     fit: str, cell: StudyCell, name: str, outcome: PlanOutcome, timing: Timing, peak: int, background: bool
 ) -> Record:
     """Time, memory and what was left out of a scene."""
-    views, count = outcome.plan.views, len(outcome.images)
-    left_out_shares = [share for view in views for share in view.left_out.values()]
+    plan, images = outcome
+    count = len(images)
+    left_out_shares = [share for view in plan.views for share in view.left_out.values()]
     metrics: dict[str, float | None] = {
         "milliseconds": timing.milliseconds / count,
         "milliseconds_deviation": deviation(timing) / count,
         "peak_memory_mb": peak / 1e6,
         "views": count,
         "background": float(background),
-        "passed": outcome.plan.passed_share,
-        "candidates_taken": sum(len(view.references or ()) for view in views),
+        "passed": plan.passed_share,
+        "candidates_taken": sum(len(view.references or ()) for view in plan.views),
         "candidates_left_out": len(left_out_shares),
-        "candidates_unseeing": sum(share < outcome.plan.rules.share for share in left_out_shares),
+        "candidates_unseeing": sum(share < plan.rules.share for share in left_out_shares),
     }
-    metrics |= {f"part {part.name}": float(part.used) for part in outcome.plan.parts}
-    reasons = {f"part {part.name}": part.why for part in outcome.plan.parts}
-    height, width = outcome.images[0].image.shape[-2:]
+    metrics |= {f"part {part.name}": float(part.used) for part in plan.parts}
+    reasons = {f"part {part.name}": part.why for part in plan.parts}
+    height, width = images[0].image.shape[-2:]
     rounds = f"{len(timing.repeats)} interleaved repeats of reading, planning and enhancing {count} views"
     protocol = f"{rounds}, median; times faster: median of the repeats' own ratios"
     return Record(KIND, fit, cell.scene, cell.splat, "", name, metrics, reasons, (width, height), protocol)
 
 
-def _view_records(rendered: RenderedSet, outcome: PlanOutcome, distances: list[PerceptualDistance]) -> Iterator[Record]:
+def _view_records(
+    rendered: RenderedSet, images: Sequence[EnhancedView], distances: list[PerceptualDistance]
+) -> Iterator[Record]:
     """Error of every view against its photo."""
-    for view, image in zip(rendered.targets, outcome.images, strict=True):
+    for view, enhanced in zip(rendered.targets, images, strict=True):
         if view.read_photo is None:
             raise InputError(view.name, "has no photo to be measured against", "give a run with its photos")
-        quality = measure_pair(image.image, view.read_photo(), distances)
-        height, width = image.image.shape[-2:]
+        quality = measure_pair(enhanced.image, view.read_photo(), distances)
+        height, width = enhanced.image.shape[-2:]
         yield Record("quality", "", "", "", view.name, "", quality.metrics, quality.reasons, (width, height), PROTOCOL)

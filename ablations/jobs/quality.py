@@ -11,14 +11,14 @@ import torch
 from omegaconf import DictConfig
 from rich.console import Console
 
-from ablations.report.quality import QualityTable, quality_page
+from ablations.report.quality import quality_page
 from ablations.study.aims import Aims
 from ablations.study.description import MethodDescription, SceneGroup, TableDescription
 from ablations.study.engine import Study, job
 from ablations.study.missing import missing_record
 from ablations.study.results import Results
 from ablations.study.sections import relative_link
-from ablations.suite.evaluation import StudyCell, check_same_views, measured_row
+from ablations.suite.evaluation import StudyCell, check_same_views, image_records, method_images
 from ablations.suite.method_runs import with_backbones
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError, refuse_unknown
@@ -67,7 +67,7 @@ def _reported(cfg: DictConfig) -> float | None:
     tables = [_table(cfg, str(name), records) for name in cfg.tables]
     write_text(page, quality_page(cfg.title, cfg.about, tables, relative_link(source, page)))
     print_line(CONSOLE, f"{page}, {source}")
-    results = tables[0].results
+    results, _ = tables[0]
     last_method = tuple(results.study.methods)[-1]
     gains = results.sample(results.pairs, last_method, "psnr_aligned", results.study.baseline)
     return gains.mean() if gains.values else None
@@ -98,7 +98,7 @@ def _measured(cfg: DictConfig, name: str, title: str, cell: StudyCell) -> Iterat
     views: dict[str, tuple[str, ...]] = {}
     for method, choice in cfg.tables[name].methods.items():
         try:
-            records = measured_row(cfg, cell, str(method), choice)
+            records = image_records(cfg, cell, str(method), method_images(cfg, cell, str(method), choice))
         except InputError as error:
             print_line(CONSOLE, f"{method} is missing: {error}")
             records = (missing_record(str(method), str(error), scene=cell.scene, splat=cell.splat),)
@@ -108,7 +108,7 @@ def _measured(cfg: DictConfig, name: str, title: str, cell: StudyCell) -> Iterat
     check_same_views(f"{cell.scene}, {cell.splat}", views)
 
 
-def _table(cfg: DictConfig, name: str, records: Sequence[Record]) -> QualityTable:
+def _table(cfg: DictConfig, name: str, records: Sequence[Record]) -> tuple[Results, Aims]:
     """A table of the page: its study, its records and its aims."""
     table = cfg.tables[name]
     prefix = f"{name}/"
@@ -130,7 +130,7 @@ def _table(cfg: DictConfig, name: str, records: Sequence[Record]) -> QualityTabl
         seeds=(),
     )
     gains = {scene: _numbers(table.aims[g]) for g, names in scenes.items() for scene in names if g in table.aims}
-    return QualityTable(Results(study, table_records), Aims(gains, tuple(table.ahead), _numbers(table.allowed)))
+    return Results(study, table_records), Aims(gains, tuple(table.ahead), _numbers(table.allowed))
 
 
 def _method(name: str, choice: DictConfig) -> MethodDescription:

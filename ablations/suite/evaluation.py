@@ -63,21 +63,6 @@ class MethodImages:
     weights: str = ""
 
 
-def measured_row(cfg: DictConfig, cell: StudyCell, method: str, method_settings: DictConfig) -> tuple[Record, ...]:
-    """The records of a method in a cell; measured now unless they exist.
-
-    Args:
-        cfg: conf/quality.yaml, composed.
-        cell: scene and splat.
-        method: the method's name.
-        method_settings: the method's entry in the configuration; if empty, the raw render.
-
-    Raises:
-        InputError: the method cannot be made here; the error says why.
-    """
-    return image_records(cfg, cell, method, method_images(cfg, cell, method, method_settings))
-
-
 def method_images(cfg: DictConfig, cell: StudyCell, method: str, method_settings: DictConfig) -> MethodImages:
     """The images of a method in a cell; made now unless they exist.
 

@@ -1,6 +1,6 @@
 """The kernels of the numerics study: each computation in float64, and by every implementation and dtype.
 
-Each function yields cases as (name, the float64 reference, calls by name). A call is one implementation in one dtype.
+Each function yields cases. A call of a case is one implementation in one dtype.
 Inputs are drawn once, in float64, and converted to the dtype of each call: errors contain those of the rounded inputs,
 of the arithmetic and of the method.
 
@@ -31,7 +31,9 @@ from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.network.deform import deformable_sample
 from gaussian_enhancer.types import quantise_8_bit
 
-Cases = Iterator[tuple[str, Callable[[], Tensor], Mapping[str, Callable[[], Tensor]]]]
+Case = tuple[str, Callable[[], Tensor], Mapping[str, Callable[[], Tensor]]]
+"""What is computed, the same in float64, and calls by "implementation/dtype" (or another varied option)."""
+Cases = Iterator[Case]
 
 DTYPES = {"float32": torch.float32, "bfloat16": torch.bfloat16, "float16": torch.float16}
 SIZE = (96, 128)

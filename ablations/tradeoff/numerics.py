@@ -2,8 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 
 import torch
 from rich.console import Console
@@ -11,7 +10,7 @@ from torch import Tensor
 
 from ablations.study.cost import device_description, quartiles
 from ablations.study.missing import missing_record, reason_of
-from ablations.tradeoff.kernels import deformable, latent, networks, reprojection, resampling
+from ablations.tradeoff.kernels import Case, Cases, deformable, latent, networks, reprojection, resampling
 from ablations.tradeoff.rasterisers import rasterisers
 from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.metrics.cost import time_interleaved
@@ -20,25 +19,10 @@ from gaussian_enhancer.metrics.records import Record
 KIND = "numerics"
 
 
-@dataclass(frozen=True)
-class Computation:
-    """One computation with its implementations.
-
-    Args:
-        name: what is computed.
-        reference: the computation in float64.
-        variants: functions by "implementation/dtype" (or another varied option); each is called once per repeat.
-    """
-
-    name: str
-    reference: Callable[[], Tensor]
-    variants: Mapping[str, Callable[[], Tensor]]
-
-
-def all_cases(device: torch.device) -> Iterator[Computation]:
+def all_cases(device: torch.device) -> Cases:
     """Every case; inputs are made lazily."""
     kernels = (rasterisers, deformable, reprojection, resampling, latent, networks)
-    return (Computation(*case) for kernel in kernels for case in kernel(device))
+    return (case for kernel in kernels for case in kernel(device))
 
 
 def numeric_records(
@@ -58,18 +42,20 @@ def numeric_records(
     """
     case_names = []
     for case in all_cases(device):
-        case_names.append(case.name)
-        if names is None or case.name in names:
-            console.print(case.name, highlight=False)
+        name, _, _ = case
+        case_names.append(name)
+        if names is None or name in names:
+            console.print(name, highlight=False)
             yield from case_records(case, repeats, device, seconds)
     refuse_unknown("numerics.cases", names, case_names)
 
 
-def case_records(case: Computation, repeats: int, device: torch.device, seconds: float = math.inf) -> Iterator[Record]:
+def case_records(case: Case, repeats: int, device: torch.device, seconds: float = math.inf) -> Iterator[Record]:
     """The records of one case; arguments as in `numeric_records`."""
-    reference, seconds_per_round = case.reference().double(), 0.0
+    name, compute_reference, variants = case
+    reference, seconds_per_round = compute_reference().double(), 0.0
     errors: dict[str, tuple[float, float]] = {}
-    for variant, call in case.variants.items():
+    for variant, call in variants.items():
         try:
             started = time.perf_counter()
             result = call().double()
@@ -77,8 +63,8 @@ def case_records(case: Computation, repeats: int, device: torch.device, seconds:
             errors[variant] = errors_of(result, reference)
         except (RuntimeError, NotImplementedError, InputError) as error:
             reason = reason_of(error).splitlines()[0]
-            yield missing_record(variant, reason, scene=case.name)
-    calls = {variant: case.variants[variant] for variant in errors}
+            yield missing_record(variant, reason, scene=name)
+    calls = {variant: variants[variant] for variant in errors}
     repeats = repeats if seconds_per_round * repeats <= seconds else max(1, int(seconds / seconds_per_round))
     times = time_interleaved(calls, repeats, 0, device)  # no warm-up: each was called once above
     protocol = f"{device_description(device)}: median and quartiles of {repeats} interleaved repeats; relative error: "
@@ -87,7 +73,7 @@ def case_records(case: Computation, repeats: int, device: torch.device, seconds:
         low, high = quartiles(times[variant])
         metrics: dict[str, float | None] = {"relative_error": relative, "largest_error": largest}
         metrics |= {"milliseconds": times[variant].milliseconds, "lower_quartile": low, "upper_quartile": high}
-        yield Record(KIND, "", case.name, "", "", variant, metrics, protocol=protocol)
+        yield Record(KIND, "", name, "", "", variant, metrics, protocol=protocol)
 
 
 def errors_of(result: Tensor, reference: Tensor) -> tuple[float, float]:

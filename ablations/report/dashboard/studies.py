@@ -37,33 +37,20 @@ NOTES = {
 
 
 @dataclass(frozen=True)
-class Diagram:
-    """One diagram.
-
-    Args:
-        title: title of the SVG document, unescaped.
-        file: address relative to the page.
-    """
-
-    title: str
-    file: str
-
-
-@dataclass(frozen=True)
 class StudyView:
     """The content of the page on one study.
 
     Args:
         name: the part of the page that shows it.
         note: how to read it.
-        diagrams: files beside the page.
+        diagrams: title of each SVG document, unescaped, and its file's address relative to the page.
         tables: by heading.
         absent: why there is nothing to show; empty otherwise.
     """
 
     name: str
     note: str
-    diagrams: tuple[Diagram, ...] = ()
+    diagrams: tuple[dict[str, str], ...] = ()
     tables: Mapping[str, pd.DataFrame] | None = None
     absent: str = ""
 
@@ -73,7 +60,7 @@ class StudyView:
             {"title": title, "columns": list(table.columns), "rows": table.to_numpy().tolist()}
             for title, table in (self.tables or {}).items()
         ]
-        return {**vars(self), "diagrams": [vars(diagram) for diagram in self.diagrams], "tables": tables}
+        return {**vars(self), "tables": tables}
 
 
 def read_study(name: str, records: Path, diagrams: Path, output: Path, aims: PlanAims) -> StudyView:
@@ -121,8 +108,8 @@ def _plan_tables(records: Sequence[Record], aims: PlanAims) -> dict[str, pd.Data
     return {f"{plan} against {aims.baseline}": cost_table(scenes.costs(plan), aims) for plan in scenes.plans()}
 
 
-def copy_diagrams(sources: Sequence[Path], output: Path) -> tuple[Diagram, ...]:
-    """Copy SVG files beside the page.
+def copy_diagrams(sources: Sequence[Path], output: Path) -> tuple[dict[str, str], ...]:
+    """Copy SVG files beside the page; returns `StudyView.diagrams`.
 
     Args:
         sources: files written by jobs; of two with the same name the last is shown.
@@ -135,7 +122,7 @@ def copy_diagrams(sources: Sequence[Path], output: Path) -> tuple[Diagram, ...]:
     for path in sources:
         with atomic_write(output / FOLDER / path.name) as temporary:
             shutil.copyfile(path, temporary)
-        diagrams.append(Diagram(_title(path), f"{FOLDER}/{path.name}"))
+        diagrams.append({"title": _title(path), "file": f"{FOLDER}/{path.name}"})
     return tuple(diagrams)
 
 

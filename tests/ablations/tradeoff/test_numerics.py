@@ -10,7 +10,7 @@ from rich.console import Console
 from ablations.report.tradeoff_kernels import kernel_parts
 from ablations.tradeoff import kernels
 from ablations.tradeoff.kernels import deformable, latent, resampling
-from ablations.tradeoff.numerics import Computation, case_records, errors_of, numeric_records
+from ablations.tradeoff.numerics import case_records, errors_of, numeric_records
 from ablations.tradeoff.rasterisers import rasterisers
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import write_records
@@ -35,7 +35,7 @@ def test_a_case_is_recorded_way_by_way_and_failures_say_why(tmp_path) -> None:
         "theirs/float16": failing,
         "wild/float16": lambda: true * math.nan,
     }
-    records = {r.variant: r for r in case_records(Computation("a kernel", lambda: true, calls), 3, CPU)}
+    records = {r.variant: r for r in case_records(("a kernel", lambda: true, calls), 3, CPU)}
     assert records["ours/float32"].metrics["relative_error"] == 0.5
     assert 0 <= records["ours/float32"].metrics["lower_quartile"] <= records["ours/float32"].metrics["milliseconds"]
     assert records["theirs/float16"].reasons["row"] == "RuntimeError: not in this dtype"
@@ -56,9 +56,7 @@ def test_repeats_fall_where_they_would_take_too_long(seconds, calls) -> None:
         time.sleep(0.05)
         return torch.ones(1)
 
-    (record,) = case_records(
-        Computation("slow", lambda: torch.ones(1).double(), {"ours/float32": slow}), 5, CPU, seconds
-    )
+    (record,) = case_records(("slow", lambda: torch.ones(1).double(), {"ours/float32": slow}), 5, CPU, seconds)
     assert 2 <= len(called) <= calls
     assert f"{len(called) - 1} interleaved repeats" in record.protocol
     assert record.metrics["relative_error"] == 0

@@ -4,7 +4,7 @@ import pytest
 
 from ablations.report.dashboard.folder import TableRecords
 from ablations.report.dashboard.page import document
-from ablations.report.dashboard.studies import NOTES, Diagram, StudyView, copy_diagrams, read_study
+from ablations.report.dashboard.studies import NOTES, StudyView, copy_diagrams, read_study
 from ablations.report.plan_study import PlanAims
 from ablations.stability.judge import FAILED, KIND, WITHIN
 from ablations.study.markdown import markdown
@@ -22,7 +22,10 @@ def test_diagrams_are_copied_and_named_by_their_titles(tmp_path) -> None:
     (tmp_path / "lr.svg").write_text(text, encoding="utf-8")
     (tmp_path / "left_out.svg").write_text("<svg><rect><title>of a mark, not of the whole</title></rect></svg>")
     found = copy_diagrams([tmp_path / "lr.svg", tmp_path / "left_out.svg"], tmp_path / "page")
-    assert found == (Diagram(NASTY, "diagrams/lr.svg"), Diagram("left out", "diagrams/left_out.svg"))
+    assert found == (
+        {"title": NASTY, "file": "diagrams/lr.svg"},
+        {"title": "left out", "file": "diagrams/left_out.svg"},
+    )
     assert (tmp_path / "page/diagrams/lr.svg").read_text(encoding="utf-8") == text
 
 
@@ -51,7 +54,7 @@ def test_what_plans_leave_out_is_shown_as_it_was_measured(tmp_path) -> None:
     study = read_study(
         "plan", DOCS / "results/leaving_out_test.jsonl", DOCS / "results/leaving_out.svg", tmp_path, AIMS
     )
-    assert [one.file for one in study.diagrams] == ["diagrams/leaving_out.svg"]
+    assert [one["file"] for one in study.diagrams] == ["diagrams/leaving_out.svg"]
     assert study.tables is not None
     table = study.tables["auto against full"]
     page = (DOCS / "results/plan.md").read_text(encoding="utf-8")
@@ -63,7 +66,7 @@ def test_the_page_is_told_of_its_studies() -> None:
     found = document(
         "Suite",
         [TableRecords(QUALITY)],
-        studies=[StudyView("plan", "As read.", (Diagram("Error", "diagrams/lr.svg"),))],
+        studies=[StudyView("plan", "As read.", ({"title": "Error", "file": "diagrams/lr.svg"},))],
     )
     assert '"diagrams":[{"title":"Error","file":"diagrams/lr.svg"}]' in found
     assert '"note":"As read."' in found
