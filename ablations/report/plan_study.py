@@ -1,7 +1,6 @@
 """Makes the page on plans, which leave out parts of the input, as Markdown from records alone."""
 
 import math
-import statistics
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +14,8 @@ from ablations.study.gains import METRICS
 from ablations.study.markdown import frame, markdown
 from ablations.study.plots import bar_panels
 from ablations.study.results import Results
+from ablations.study.row_table import read_layout, row_table
+from ablations.study.rows import frame_of
 from ablations.study.sections import distinct_values, missing_section, relative_link
 from gaussian_enhancer.metrics.records import MISSING, Record
 
@@ -240,16 +241,12 @@ def _already_good(records: Sequence[Record]) -> str:
     command = "`gaussian-enhancer already_good runs=[RUNS] records=docs/results/already_good.jsonl`"
     if not records:
         return f"Not measured yet: {command}.\n"
-    names = ("passed by predicted", "box by predicted", "passed by bound", "box by bound")
-    lines = []
-    for run in dict.fromkeys(record.run for record in records):
-        run_metrics = [record.metrics for record in records if record.run == run]
-        means = (statistics.fmean(metrics[name] or 0.0 for metrics in run_metrics) for name in names)
-        lines.append((run.rsplit("-", 1)[0], str(len(run_metrics)), *(f"{mean:.0%}" for mean in means)))
-    headings = ("scene", "views", "passed, predicted", "box left", "passed, best order", "box left")
+    table = row_table(frame_of(records), read_layout("already_good"))
+    table["run"] = table["run"].str.rpartition("-")[0]
+    table.columns = ["scene", "views", "passed, predicted", "box left", "passed, best order", "box left"]
     about = (
         f"{command}, training worlds. Share of the blocks that can be passed through for 0.02 dB, in the order of the "
         "errors that the references show of themselves, and in the best order, which nobody knows beforehand; and the "
         "share of the image that the rectangle around the others takes.\n"
     )
-    return f"{about}\n{markdown(frame(headings, lines))}"
+    return f"{about}\n{markdown(table)}"

@@ -1,7 +1,7 @@
 """Cases of extreme depth: zero, infinite, NaN, tiny, huge, constant; in the warp and in the network."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 
@@ -24,17 +24,11 @@ WARPED: Tolerance = {
 WHY = "geometry is computed in single precision; one pixel in a hundred may fall to the other side of a threshold"
 
 
-def cases() -> list[Case]:
+def cases() -> Iterator[Case]:
     """The cases of this family."""
-    all_cases = []
     for name, (about, _) in DEPTHS.items():
-        all_cases.append(
-            Case("depth", f"{name}_warp", f"{about}, to warp through", partial(warp_problem, name), WARPED, WHY)
-        )
-        all_cases.append(
-            Case("depth", f"{name}_network", f"{about}, to modulate with", partial(depth_input_problem, name))
-        )
-    return all_cases
+        yield Case("depth", f"{name}_warp", f"{about}, to warp through", partial(warp_problem, name), WARPED, WHY)
+        yield Case("depth", f"{name}_network", f"{about}, to modulate with", partial(depth_input_problem, name))
 
 
 def warp_problem(name: str) -> Problem:

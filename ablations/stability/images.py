@@ -3,7 +3,7 @@
 Axes: b batch, r references, h height, w width.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache, partial
 
 import torch
@@ -33,38 +33,19 @@ HEIGHT, WIDTH = 24, 40
 SIMULATED: Tolerance = {precision.name: (1.5 / 255, 1.0) for precision in PRECISIONS}
 
 
-def cases() -> list[Case]:
+def cases() -> Iterator[Case]:
     """The cases of this family."""
-    all_cases = []
+    case = partial(Case, "images")
     for name, (about, _) in IMAGES.items():
         for weights in ("lr_tiny", "sr_tiny"):
-            all_cases.append(
-                Case("images", f"{name}_{weights}", f"{about}, enhanced", partial(network_problem, name, weights))
-            )
-        all_cases.append(
-            Case("images", f"{name}_objective", f"{about}, judged", partial(loss_problem, name), EXACT, OBJECTIVE_WHY)
-        )
-        all_cases.append(
-            Case("images", f"{name}_colours", f"{about}, colours matched", partial(colour_problem, name), EXACT)
-        )
+            yield case(f"{name}_{weights}", f"{about}, enhanced", partial(network_problem, name, weights))
+        yield case(f"{name}_objective", f"{about}, judged", partial(loss_problem, name), EXACT, OBJECTIVE_WHY)
+        yield case(f"{name}_colours", f"{about}, colours matched", partial(colour_problem, name), EXACT)
     for name in ("constant", "black", "saturated", "checkerboard", "one_wide", "one_pixel"):
-        about, forward = f"{IMAGES[name][0]}, degraded in every way", ("forward",)
-        all_cases.append(
-            Case(
-                "images",
-                f"{name}_simulated",
-                about,
-                partial(simulator_problem, name),
-                SIMULATED,
-                SIMULATED_WHY,
-                forward,
-            )
-        )
-    about = "alone, the same as beside another"
-    all_cases.append(
-        Case("images", "one_of_a_batch", about, batch_problem, EXACT, "the two are one computation", ("forward",))
-    )
-    return all_cases
+        about, build = f"{IMAGES[name][0]}, degraded in every way", partial(simulator_problem, name)
+        yield case(f"{name}_simulated", about, build, SIMULATED, SIMULATED_WHY, ("forward",))
+    about, why = "alone, the same as beside another", "the two are one computation"
+    yield case("one_of_a_batch", about, batch_problem, EXACT, why, ("forward",))
 
 
 OBJECTIVE_WHY = "the objective is computed in single precision"

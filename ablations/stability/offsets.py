@@ -1,5 +1,6 @@
 """Cases of deformable sampling with offsets far outside the image."""
 
+from collections.abc import Iterator
 from functools import partial
 
 import torch
@@ -12,12 +13,10 @@ OFFSETS = {"none": 0.0, "plus_1e4": 1e4, "minus_1e4": -1e4}
 """Offsets in pixels by name. Networks bound them (`network.deform.Deformation`), so non-finite ones cannot occur."""
 
 
-def cases() -> list[Case]:
+def cases() -> Iterator[Case]:
     """The cases of this family."""
-    about = "offsets of {:g} pixels"
-    return [
-        Case("offsets", name, about.format(value), partial(offset_problem, value)) for name, value in OFFSETS.items()
-    ]
+    for name, value in OFFSETS.items():
+        yield Case("offsets", name, f"offsets of {value:g} pixels", partial(offset_problem, value))
 
 
 def offset_problem(value: float) -> Problem:

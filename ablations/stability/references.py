@@ -1,7 +1,7 @@
 """Cases of extreme references: without information, at the target's own place, of odd sizes, or not finite."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -31,33 +31,20 @@ WHY = "geometry and colours are computed in single precision or better"
 NAMES = ("a.png", "b.png", "c.png")
 
 
-def cases() -> list[Case]:
+def cases() -> Iterator[Case]:
     """The cases of this family: references after each alignment, and as inputs of the network."""
-    all_cases = []
+    case = partial(Case, "references")
     for name, about in ABOUT.items():
         for alignment in WARPS:
-            all_cases.append(
-                Case(
-                    "references",
-                    f"{name}_{alignment}",
-                    about,
-                    partial(alignment_problem, name, alignment),
-                    WARPED,
-                    WHY,
-                    ("forward",),
-                )
-            )
-    about_invisible = "references of visibility 0 that hold huge numbers"
-    all_cases.append(Case("references", "unseen_network", about_invisible, unseen_problem))
+            build = partial(alignment_problem, name, alignment)
+            yield case(f"{name}_{alignment}", about, build, WARPED, WHY, ("forward",))
+    yield case("unseen_network", "references of visibility 0 that hold huge numbers", unseen_problem)
     for field in ("render", "references", "alpha"):
-        about = f"NaN in one pixel of the {field}"
-        all_cases.append(Case("references", f"nan_in_{field}", about, partial(nan_problem, field), passes=("forward",)))
+        about, build = f"NaN in one pixel of the {field}", partial(nan_problem, field)
+        yield case(f"nan_in_{field}", about, build, passes=("forward",))
     for field in ("render", "references"):
-        about = f"1e30 in a patch of the {field}"
-        all_cases.append(
-            Case("references", f"1e30_in_{field}", about, partial(large_value_problem, field), passes=("forward",))
-        )
-    return all_cases
+        about, build = f"1e30 in a patch of the {field}", partial(large_value_problem, field)
+        yield case(f"1e30_in_{field}", about, build, passes=("forward",))
 
 
 WARPS: dict[str, Warp] = {"reprojected": Reprojected(), "unwarped": Unwarped()}

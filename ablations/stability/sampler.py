@@ -1,6 +1,7 @@
 """Cases of the latent sampler: few and many steps, and schedules that make the reverse process stiff."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, partial
 
@@ -62,9 +63,8 @@ THOUSANDS = ("cosine", "linear", "steep")
 """Schedules that are also computed with a thousand steps."""
 
 
-def cases() -> list[Case]:
+def cases() -> Iterator[Case]:
     """The cases of this family: DDIM on all schedules; ancestral sampling and the posterior mean on three of them."""
-    all_cases = []
     for name in SCHEDULES:
         # A thousand evaluations in every precision take minutes: only one stiff schedule is computed with them.
         for steps in STEPS if name in THOUSANDS else STEPS[:-1]:
@@ -72,13 +72,12 @@ def cases() -> list[Case]:
             passes = ("forward", "backward") if steps <= 4 else ("forward",)
             about = f"DDIM, {steps} steps, schedule {name}"
             build = partial(sampler_problem, name, Sampler(steps))
-            all_cases.append(Case("sampler", f"{name}_{steps}", about, build, *limits(name), passes, seconds=600.0))
+            yield Case("sampler", f"{name}_{steps}", about, build, *limits(name), passes, seconds=600.0)
     for kind, options in (("ancestral", {"noise": 1.0}), ("mean", {"mean": True})):
         for name in ("cosine", "linear", "steep"):
             build = partial(sampler_problem, name, Sampler(64, **options))  # type: ignore[arg-type]
             about = f"{kind}, 64 steps, schedule {name}"
-            all_cases.append(Case("sampler", f"{name}_{kind}", about, build, *limits(name), ("forward",)))
-    return all_cases
+            yield Case("sampler", f"{name}_{kind}", about, build, *limits(name), ("forward",))
 
 
 def limits(name: str) -> tuple[Tolerance, str]:

@@ -6,7 +6,7 @@ Axes: n Gaussians.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import torch
@@ -24,9 +24,8 @@ HEIGHT, WIDTH, COUNT = 24, 32, 12
 WITH_DEPTH = ("harmonics", "log_scale_90", "log_scale_-1e30")
 
 
-def cases() -> list[Case]:
+def cases() -> Iterator[Case]:
     """The cases of this family, for every splatting method that they apply to."""
-    all_cases = []
     for method, splat_method in METHODS.items():
         disks = isinstance(splat_method, TwoDGS)
         kinds = {
@@ -43,11 +42,10 @@ def cases() -> list[Case]:
             "log_scale_-1e30": "a log scale of -10^30: as if it were not there; depth is held as well",
             **({"edge_on": "disks seen exactly from the side, and nearly"} if disks else {}),
         }
-        all_cases += [_case(f"{kind}_{method}", about, kind, method, float(WIDTH)) for kind, about in kinds.items()]
+        for kind, about in kinds.items():
+            yield _case(f"{kind}_{method}", about, kind, method, float(WIDTH))
         for name, focal in (("focal_1", 1.0), ("focal_1e5", 1e5)):
-            about = f"a focal length of {focal:g} px"
-            all_cases.append(_case(f"{name}_{method}", about, "ordinary", method, focal))
-    return all_cases
+            yield _case(f"{name}_{method}", f"a focal length of {focal:g} px", "ordinary", method, focal)
 
 
 def _case(name: str, about: str, kind: str, method: str, focal: float) -> Case:

@@ -1,12 +1,13 @@
 """Cases of extreme training steps: 100 times the learning rate, black batches, a sample that is not finite."""
 
 import math
+from collections.abc import Iterator
 from functools import partial
 
 import torch
 from torch import Tensor, nn
 
-from ablations.stability.case import NETWORK_TOLERANCE, PRECISIONS, Case, Problem, Tolerance, UnstableError
+from ablations.stability.case import PRECISIONS, Case, Problem, Tolerance, UnstableError
 from ablations.stability.images import network_inputs, picture
 from gaussian_enhancer.loss.terms import DSSIM, Charbonnier, Relative
 from gaussian_enhancer.loss.weighted_sum import Weighted, WeightedLoss
@@ -17,27 +18,17 @@ from gaussian_enhancer.train.module import EnhancerModule
 from gaussian_enhancer.types import Batch, NetworkInput
 
 ANY: Tolerance = {precision.name: (math.inf, math.inf) for precision in PRECISIONS}
-FORWARD = ("forward",)
 
 
-def cases() -> list[Case]:
+def cases() -> Iterator[Case]:
     """The cases of this family, in all precisions: float32 and autocast, as in training, and half precision."""
     diverges = "trainings part after the first rounding: what counts is that this one recovers"
-    return [
-        Case(
-            "training",
-            "first_step_100x",
-            "a first step at 100 times the learning rate",
-            high_rate_problem,
-            ANY,
-            diverges,
-            FORWARD,
-        ),
-        Case("training", "batch_black", "a batch of black images", partial(one_step, "black"), NETWORK_TOLERANCE),
-        Case("training", "batch_constant", "a batch of one grey", partial(one_step, "constant"), NETWORK_TOLERANCE),
-        Case("training", "batch_of_one", "a batch of one sample", partial(one_step, "noise", 1), NETWORK_TOLERANCE),
-        Case("training", "nan_in_a_sample", "NaN in one sample of four", nan_problem, NETWORK_TOLERANCE),
-    ]
+    about = "a first step at 100 times the learning rate"
+    yield Case("training", "first_step_100x", about, high_rate_problem, ANY, diverges, ("forward",))
+    yield Case("training", "batch_black", "a batch of black images", partial(one_step, "black"))
+    yield Case("training", "batch_constant", "a batch of one grey", partial(one_step, "constant"))
+    yield Case("training", "batch_of_one", "a batch of one sample", partial(one_step, "noise", 1))
+    yield Case("training", "nan_in_a_sample", "NaN in one sample of four", nan_problem)
 
 
 def module_of(network: Network) -> EnhancerModule:
