@@ -23,17 +23,14 @@ from ablations.scripts.before_after import DESCRIPTION, Compared, harmed_block, 
 from ablations.study.engine import Study, job
 from ablations.study.enhanced_views import MeasuredView, enhanced_views
 from ablations.study.fits import finished_fits, fits_by_scene, scene_of
-from ablations.study.markdown import markdown
-from ablations.study.methods import Method, average, name_of, two_fits
+from ablations.study.methods import Method, average, load_enhancer, name_of, two_fits
 from ablations.study.plots import STYLE
 from ablations.study.roles import ROLES, role_of, with_roles
-from ablations.study.row_table import TableLayout, row_table
-from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
+from ablations.study.row_table import TableLayout, section_tables
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.plan import AUTO
-from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.lpips import PerceptualDistance, requested_distances
 from gaussian_enhancer.runs.instantiate import plain_values
 from gaussian_enhancer.scene.renders import read_run, run_steps
@@ -76,7 +73,7 @@ def harm(
     return {"blocks_harmed": float(harmed), "error_removed": float(removed), "error_added": float(added)}
 
 
-def load_enhancer(method: str, device: torch.device | None = None) -> tuple[str, str, SetEnhancer]:
+def parse_method(method: str, device: torch.device | None = None) -> tuple[str, str, SetEnhancer]:
     """Name of a method, digest of its weights, and its enhancer.
 
     Args:
@@ -90,13 +87,12 @@ def load_enhancer(method: str, device: torch.device | None = None) -> tuple[str,
     if extra not in WITHOUT:
         raise InputError(method, f"ends in :{extra}", f"leave it out, or write :{' or :'.join(filter(None, WITHOUT))}")
     weights, _, strength = chosen.partition("@")
-    pretrained = load_weights(weights)
     options = replace(WITHOUT[extra], strength=share_of(method, strength) if strength else None)
-    enhancer = options.enhancer(pretrained, pretrained.reference_config, device)
+    digest, enhancer = load_enhancer(weights, options, device)
     unlimited = enhancer.confidence is not None and enhancer.strength == 1
     left_out = extra.replace("_", " ")
     name = " ".join(filter(None, (f"{name_of(weights)}{'' if unlimited else f'@{enhancer.strength:g}'}", left_out)))
-    return name, checkpoint_digest(find_checkpoint(weights)), enhancer
+    return name, digest, enhancer
 
 
 OTHERS = ("ibgs", "ibgs:without_exposure", "average", "two_fits")
@@ -111,7 +107,7 @@ def requested_methods(cfg: DictConfig, device: torch.device | None = None) -> di
         device: where networks run; None is the processor.
 
     Raises:
-        InputError: see `load_enhancer`; a method's trainings or fits are missing; or two have the same name.
+        InputError: see `parse_method`; a method's trainings or fits are missing; or two have the same name.
     """
     methods: dict[str, Method] = {}
     for method in cfg.methods:
@@ -130,7 +126,7 @@ def _requested_method(cfg: DictConfig, method: str, device: torch.device | None)
     if method in OTHERS:
         exposure = method == "ibgs"
         return "ibgs" if exposure else "ibgs without exposure", IBGS.from_patterns(cfg.ibgs, exposure)
-    name, digest, enhancer = load_enhancer(method, device)
+    name, digest, enhancer = parse_method(method, device)
     return name, lambda fit, step: (digest, enhancer)
 
 
@@ -273,15 +269,6 @@ def diagram_section(frame: pd.DataFrame, page: Path) -> list[str]:
     return [f"![gain against raw PSNR, by capture]({drawing.name})"]
 
 
-def overall_section(frame: pd.DataFrame, layout: TableLayout) -> list[str]:
-    """The section with a table of all views of each role, one line a method."""
-    layout, parts = replace(layout, by={"method": "method"}), []
-    for role, title in layout.sections.items():
-        role_rows = frame[frame["role"] == role]
-        parts += [f"## {title}: all views", markdown(row_table(role_rows, layout))] if len(role_rows) else []
-    return parts
-
-
 def picture_section(page: Path) -> list[str]:
     """The part of the page with single views."""
     views = shown_views(page)
@@ -312,7 +299,8 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
 
     def above(frame: pd.DataFrame, page: Path) -> list[str]:
         if cfg.last:
-            return overall_section(frame, TableLayout(**plain_values(cfg.row_table)))
+            layout = TableLayout(**plain_values(cfg.row_table))
+            return section_tables(frame, replace(layout, by={"method": "method"}), ": all views")
         return diagram_section(frame, page)
 
     return Study(

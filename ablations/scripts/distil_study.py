@@ -14,7 +14,7 @@ import pandas as pd
 import torch
 from omegaconf import DictConfig
 
-from ablations.scripts.convergence import load_enhancer
+from ablations.scripts.convergence import parse_method
 from ablations.study.engine import Study, job
 from ablations.study.enhanced_views import enhanced_views
 from ablations.study.fits import refuse_without_views
@@ -134,7 +134,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[StudiedRun]:
     recorded = RowFile(Path(cfg.records), KEYS, COLUMNS).read_or_empty()
     runs = choose_runs(cfg.runs, set(zip(recorded["scene"], recorded["splat"], strict=True)))
     distances = requested_distances(cfg.lpips, cfg.backbones, device)
-    method, digest, enhancer = load_enhancer(cfg.weights, device)
+    method, digest, enhancer = parse_method(cfg.weights, device)
     return Study(
         runs,
         lambda studied: measure_distilled(studied, method, digest, enhancer, distances),

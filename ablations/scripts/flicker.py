@@ -16,7 +16,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import pandas as pd
@@ -29,15 +29,14 @@ from ablations.scripts.depth import refuse_enlarging, world_of
 from ablations.studies.consistency import PROTOCOL, FrameGeometry, WarpedError, sequence_errors
 from ablations.study.engine import Study, job
 from ablations.study.fits import finished_fits, scene_of
+from ablations.study.methods import load_enhancer
 from ablations.study.rows import with_gains
 from gaussian_enhancer.align.references import read_target
-from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.path_references import PathReferences
 from gaussian_enhancer.infer.temporal_smoothing import PreviousChange, smooth_change
-from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.runs.inputs import render_capture
 from gaussian_enhancer.scene.cameras import read_cameras
@@ -236,17 +235,12 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
     Raises:
         InputError: weights or runs cannot be used.
     """
-
-    @cache
-    def load_enhancer() -> tuple[str, SetEnhancer]:
-        """The weights' entry for records, and the enhancer; loaded only if something has to be measured."""
-        pretrained = load_weights(cfg.weights)
-        enhancer = EnhancementOptions(strength=cfg.strength).enhancer(pretrained, pretrained.reference_config, device)
-        digest = checkpoint_digest(find_checkpoint(cfg.weights))
-        return f"{Path(cfg.weights).name} {digest}, strength {enhancer.strength:g}", enhancer
+    options = EnhancementOptions(strength=cfg.strength)
+    load = cache(partial(load_enhancer, cfg.weights, options, device))  # only if something has to be measured
 
     def measure(fit: Path) -> Iterator[Record]:
-        weights, enhancer = load_enhancer()
+        digest, enhancer = load()
+        weights = f"{Path(cfg.weights).name} {digest}, strength {enhancer.strength:g}"
         cameras = path_cameras(fit, cfg.cameras, cfg.frames)
         photos = exact_photos(fit, cameras)
         drawn = path_renders(fit, cameras)

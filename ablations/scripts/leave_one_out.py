@@ -7,7 +7,7 @@ change and w the difference of the photo, in the render's exposure, to the rende
 """
 
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import torch
@@ -15,14 +15,13 @@ from omegaconf import DictConfig
 
 from ablations.study.engine import Study, job
 from ablations.study.fits import finished_fits, scene_of
+from ablations.study.methods import load_enhancer
 from ablations.study.roles import role_of
 from gaussian_enhancer.align.exposure import match_exposure
 from gaussian_enhancer.align.references import ReferencePool, build_network_input, read_target
-from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
-from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.image_quality import psnr
 from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.scene.renders import read_run, run_steps
@@ -56,17 +55,11 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
     Raises:
         InputError: a pattern names no finished run.
     """
-
-    @cache
-    def load_enhancer() -> tuple[str, SetEnhancer]:
-        """The digest of the weights, and the enhancer; loaded only if something has to be measured."""
-        pretrained = load_weights(cfg.weights)
-        options = EnhancementOptions(strength=1.0, confidence=cfg.confidence)
-        enhancer = options.enhancer(pretrained, pretrained.reference_config, device)
-        return checkpoint_digest(find_checkpoint(cfg.weights)), enhancer
+    options = EnhancementOptions(strength=1.0, confidence=cfg.confidence)
+    load = cache(partial(load_enhancer, cfg.weights, options, device))  # only if something has to be measured
 
     def measure(run: Path) -> Iterator[dict[str, object]]:
-        (digest, enhancer), step = load_enhancer(), run_steps(run)[-1]
+        (digest, enhancer), step = load(), run_steps(run)[-1]
         rendered, scene = read_run(run, step), scene_of(run)
         pool = ReferencePool(rendered.references)
         about = {"role": role_of(scene), "scene": scene, "run": run.name, "step": step, "weights": digest}

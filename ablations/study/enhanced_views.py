@@ -3,9 +3,8 @@
 Axes: h height, w width.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
 
 from jaxtyping import Float
 from torch import Tensor
@@ -20,14 +19,8 @@ from gaussian_enhancer.metrics.lpips import PerceptualDistance
 from gaussian_enhancer.metrics.pair import ImageMetrics, measure_pair
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 
-
-@runtime_checkable
-class ViewMethod(Protocol):
-    """A method other than a `SetEnhancer`, which selects its references itself."""
-
-    def __call__(self, view: RenderedView, target: LoadedView, pool: ReferencePool) -> Float[Tensor, "3 h w"]:
-        """Enhance one target view, from its pixels and the training views of its set."""
-        ...
+ViewMethod = Callable[[RenderedView, LoadedView, ReferencePool], Float[Tensor, "3 h w"]]
+"""A method that selects its references itself, from a view, the view's pixels and the training views of its set."""
 
 
 @dataclass(frozen=True)

@@ -154,16 +154,9 @@ def _number(results: Results, line: Line, scenes: Sequence[str], metric: str) ->
     if line.method == table.baseline or table.kind == "cost":
         return _with_counts(values, Number(value=value, paper=paper, paper_gain=paper_gain))
     gains = results.gains(line.block, line.method, metric, None, scenes)
-    low, high = interval(gains)
-    spread = spread_over_seeds(gains)
-    number = Number(
-        value,
-        _finite_or_none(gains.mean()),
-        _finite_or_none(low),
-        _finite_or_none(high),
-        _finite_or_none(spread.deviation),
-    )
-    return _with_counts(gains, dataclasses.replace(number, paper=paper, paper_gain=paper_gain))
+    statistics = (gains.mean(), *interval(gains), spread_over_seeds(gains).deviation)
+    gain, low, high, deviation = map(_finite_or_none, statistics)
+    return _with_counts(gains, Number(value, gain, low, high, deviation, paper=paper, paper_gain=paper_gain))
 
 
 def _statistic_lines(results: Results, line: Line, scenes: Sequence[str]) -> Iterator[Line]:

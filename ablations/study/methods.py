@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -14,8 +15,11 @@ from ablations.study.enhanced_views import ViewMethod
 from ablations.study.fits import finished_fits, fits_by_scene, scene_of
 from gaussian_enhancer.align.alignment import LoadedView
 from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool
+from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
+from gaussian_enhancer.infer.options import EnhancementOptions
+from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.scene.renders import read_run, run_steps
@@ -32,6 +36,17 @@ def name_of(weights: str) -> str:
     """
     path = Path(weights)
     return path.parent.name.rpartition("-")[0] or path.stem if path.suffix else weights
+
+
+def load_enhancer(weights: str, options: EnhancementOptions, device: torch.device | None) -> tuple[str, SetEnhancer]:
+    """The digest of weights, and their enhancer with options of the job enhance.
+
+    Raises:
+        InputError: the weights cannot be used.
+    """
+    pretrained = load_weights(weights)
+    enhancer = options.enhancer(pretrained, pretrained.reference_config, device)
+    return checkpoint_digest(find_checkpoint(weights)), enhancer
 
 
 Applied = tuple[str, SetEnhancer | ViewMethod]

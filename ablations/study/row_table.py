@@ -165,11 +165,17 @@ def page(frame: pd.DataFrame, layout: TableLayout, above: Sequence[str] = (), be
         above: parts above the tables.
         below: parts below them.
     """
-    parts = [f"# {layout.title}", layout.about, *above]
+    parts = [f"# {layout.title}", layout.about, *above, *section_tables(frame, layout), *below]
+    return "\n\n".join(parts) + "\n"
+
+
+def section_tables(frame: pd.DataFrame, layout: TableLayout, suffix: str = "") -> list[str]:
+    """Heading and table of every section that has rows; ``suffix`` is appended to the headings."""
+    parts = []
     for value, title in layout.sections.items():
         section_rows = frame[frame[layout.section] == value]
-        parts += [f"## {title}", markdown(row_table(section_rows, layout))] if len(section_rows) else []
-    return "\n\n".join([*parts, *below]) + "\n"
+        parts += [f"## {title}{suffix}", markdown(row_table(section_rows, layout))] if len(section_rows) else []
+    return parts
 
 
 def fill_template(template: str, group: pd.DataFrame) -> str:

@@ -13,7 +13,7 @@ from ablations.scripts.convergence import (
     diagram_section,
     find_fits,
     harm,
-    load_enhancer,
+    parse_method,
     picture_section,
     requested_methods,
     shown_views,
@@ -32,7 +32,7 @@ from support.paths import DOCS
 
 def test_a_method_names_weights_strength_and_what_is_left_out() -> None:
     methods = ["lr_tiny", "lr_tiny@0.5", "lr_tiny:without_confidence", "lr_tiny@1:plain"]
-    made = {name: enhancer for name, _, enhancer in map(load_enhancer, methods)}
+    made = {name: enhancer for name, _, enhancer in map(parse_method, methods)}
     own = load_weights("lr_tiny").strength
     assert list(made) == ["lr_tiny", "lr_tiny@0.5", f"lr_tiny@{own:g} without confidence", "lr_tiny@1 plain"]
     kept = [(one.strength, one.confidence is not None, one.colour_completion) for one in made.values()]
@@ -49,7 +49,7 @@ def test_a_method_names_weights_strength_and_what_is_left_out() -> None:
 )
 def test_another_ending_and_no_share_are_refused(method: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
-        load_enhancer(method)
+        parse_method(method)
 
 
 def test_trainings_are_methods_of_their_own_and_none_is_measured_twice(tmp_path) -> None:
