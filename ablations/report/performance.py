@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
@@ -145,14 +146,8 @@ def _growth(sources: PageRecords) -> float | None:
     return max(times) / min(times) if len(times) > 1 else None
 
 
-def _operations(sources: PageRecords, name: str) -> float | None:
-    records = sources.of(NETWORK, name)
-    return records[0].metrics["giga_multiply_adds_per_megapixel"] if records else None
-
-
-def _startup_time(sources: PageRecords, name: str) -> float | None:
-    records = sources.of(COLD, name)
-    return records[0].metrics["milliseconds"] if records else None
+def _first(sources: PageRecords, kind: str, name: str, metric: str) -> float | None:
+    return next((record.metrics[metric] for record in sources.of(kind, name)), None)
 
 
 def _pipeline_target(part: str, limit: float, unit: str, name: str, size: tuple[int, int], metric: str) -> Target:
@@ -193,8 +188,8 @@ TARGETS = (
     _pipeline_target("memory above imports, 1 megapixel", 600.0, "MB", "lr_tiny", VIEW, "peak_memory_mb"),
     _pipeline_target("memory above imports, 16 megapixels", 1500.0, "MB", "sr_tiny", SR_VIEW, "peak_memory_mb"),
     Target(
-        "start of `enhance` to its first image", 2000.0, "ms", lambda s: _startup_time(s, COMMAND),
-        lambda s: f"`import torch` alone takes {number(_startup_time(s, IMPORTS) or 0.0)} ms",
+        "start of `enhance` to its first image", 2000.0, "ms", lambda s: _first(s, COLD, COMMAND, "milliseconds"),
+        lambda s: f"`import torch` alone takes {number(_first(s, COLD, IMPORTS, 'milliseconds') or 0.0)} ms",
     ),
     Target(
         "largest over least time a megapixel, from 0.25 megapixels on", 1.1, "", _growth,
@@ -203,7 +198,10 @@ TARGETS = (
     _peer_target("NAFNet-w32", 15.0),
     _peer_target("Restormer", 50.0),
     _peer_target("edvr, base", 50.0),
-    Target("`lr_tiny`, 10^9 multiply-adds / MP", 20.0, "", lambda s: _operations(s, "lr_tiny"), lambda _: WIDTHS),
+    Target(
+        "`lr_tiny`, 10^9 multiply-adds / MP", 20.0, "",
+        lambda s: _first(s, NETWORK, "lr_tiny", "giga_multiply_adds_per_megapixel"), lambda _: WIDTHS,
+    ),
     _better_target("nafnet"),
     _better_target("edvr"),
 )  # fmt: skip
@@ -230,20 +228,21 @@ def performance_page(sources: PageRecords, files: Mapping[str, Path], drawing: P
         drawing: the diagram's file.
         page: the page's file, for links.
     """
+
+    def section(heading: str, make: Callable[[Sequence[Record]], str], *kinds: str) -> str:
+        records = [record for kind in kinds for record in sources.of(kind)]
+        return f"\n## {heading}\n\n{make(records) if records else NOTHING}"
+
     parts = [HEAD.format(make=MAKE)]
     lines = [target.line(sources) for target in TARGETS]
     parts += ["## Aims\n\n", markdown(frame(("part", "aim", "measured", "verdict", "what bounds it"), lines))]
-    parts += ["\n", ELSEWHERE, "\n## Yardsticks\n\n", _yardsticks(sources)]
-    parts += ["\n## Networks\n\n", _networks(sources)]
-    parts += [
-        "\n## The whole pipeline\n\n",
-        _pipelines(sources),
-        "\n## Start of the command line\n\n",
-        _cold_table(sources),
-    ]
+    parts += ["\n", ELSEWHERE, section("Yardsticks", _yardsticks, YARDSTICK)]
+    parts += [section("Networks", partial(_networks, sources), NETWORK, ENHANCEMENT)]
+    parts += [section("The whole pipeline", _pipelines, PIPELINE)]
+    parts += [section("Start of the command line", _cold_table, COLD)]
     parts += ["\n## Quality of the equal-budget peers\n\n", _quality(sources)]
     parts += [f"\n![gain in PSNR against time]({relative_link(drawing, page)})\n"]
-    parts += ["\n## What was tried\n\n", _tried(sources), "\n## Graphics cards\n\n", _cards(sources)]
+    parts += [section("What was tried", _tried, TRIED), "\n## Graphics cards\n\n", _cards(sources)]
     parts += ["\n## Sources\n\n"]
     for name in sources.FILES:
         if source_records := getattr(sources, name):
@@ -251,10 +250,7 @@ def performance_page(sources: PageRecords, files: Mapping[str, Path], drawing: P
     return "".join(parts)
 
 
-def _yardsticks(sources: PageRecords) -> str:
-    records = sources.of(YARDSTICK)
-    if not records:
-        return NOTHING
+def _yardsticks(records: Sequence[Record]) -> str:
     lines = [
         (
             record.variant,
@@ -276,10 +272,7 @@ that of our whole enhancement at the same scale, `lr_tiny` or `sr_tiny`, with th
 """
 
 
-def _networks(sources: PageRecords) -> str:
-    records = [*sources.of(NETWORK), *sources.of(ENHANCEMENT)]
-    if not records:
-        return NOTHING
+def _networks(sources: PageRecords, records: Sequence[Record]) -> str:
     rates = {record.variant: record.metrics["a_second"] or 1.0 for record in sources.of(YARDSTICK)}
     headings = ("network", "of", "what", "number type", "scale", "parameters", "10^9 multiply-adds / MP", "ms / MP",
              "arithmetic, ms / MP", "memory, ms / MP", "yardsticks", "times ours", "peak MB")  # fmt: skip
@@ -326,10 +319,7 @@ render and five candidate photos with their renders and depth, enhances, and wri
 """
 
 
-def _pipelines(sources: PageRecords) -> str:
-    records = sources.of(PIPELINE)
-    if not records:
-        return NOTHING
+def _pipelines(records: Sequence[Record]) -> str:
     headings = ("weights", "render", "output MP", "file to file, ms", "decoded, ms", "decoded, ms / MP", "yardsticks",
              "peak MB")  # fmt: skip
     lines = []
@@ -347,10 +337,7 @@ def _pipelines(sources: PageRecords) -> str:
     return PIPELINES + markdown(frame(headings, lines)) + "\n" + markdown(frame(columns, part_lines))
 
 
-def _cold_table(sources: PageRecords) -> str:
-    records = sources.of(COLD)
-    if not records:
-        return NOTHING
+def _cold_table(records: Sequence[Record]) -> str:
     about = "Whole processes with filled caches, until they end; `enhance` writes one image of {}x{}.\n\n"
     lines = [
         (f"`{record.variant}`", f"{number(record.metrics['milliseconds'] or 0.0)} "
@@ -405,10 +392,7 @@ def performance_plot(sources: PageRecords) -> str:
     return work_precision("Gain in PSNR against time", [panel], 1)
 
 
-def _tried(sources: PageRecords) -> str:
-    records = sources.of(TRIED)
-    if not records:
-        return NOTHING
+def _tried(records: Sequence[Record]) -> str:
     about = "Both ways in turn, on one view of {}x{} with three references, on the CPU.\n\n"
     headings = ("change", "expected", "before", "after", "times as fast", "verdict")
     return about.format(*records[0].size) + markdown(frame(headings, _tried_lines(records)))

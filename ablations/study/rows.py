@@ -90,14 +90,6 @@ class RowFile:
         """
         return self.read() if self.path.exists() else pd.DataFrame(columns=[*self.keys, *self.columns])
 
-    def add(self, measurements: Iterable[Measurement]) -> None:
-        """Add measurements and replace those with the same keys; other lines stay unchanged.
-
-        Raises:
-            InputError: the file is not a file of these rows, or cannot be written.
-        """
-        self.add_lines(list(map(line_of, measurements)))
-
     def add_lines(self, lines: Sequence[str]) -> None:
         """Add lines of measurements, made by `line_of`, and replace those with the same keys.
 

@@ -14,7 +14,7 @@ from ablations.scripts.flicker import (
     sequence_records,
 )
 from ablations.study.row_table import read_layout, row_table
-from ablations.study.rows import RowFile
+from ablations.study.rows import RowFile, line_of
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
@@ -160,7 +160,7 @@ def test_unsteady_network_is_found_out(plane_run, tmp_path):
         assert enhanced > raw + 0.015
         assert change == pytest.approx(10 / 255, abs=0.004)
     file = RowFile(tmp_path / "flicker.jsonl", ("run", "view", "variant"))
-    file.add(lines)
+    file.add_lines(list(map(line_of, lines)))
     table = row_table(compare_variants(file.read()), read_layout("flicker")).set_index("frames")
     assert list(table.index) == ["raw", "enhanced", "change"]
     assert table.loc["enhanced", ["run", "pairs"]].tolist() == [run.name, "4"]

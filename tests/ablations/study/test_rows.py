@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from ablations.study.rows import RowFile, frame_of, with_gains, with_provenance
+from ablations.study.rows import Measurement, RowFile, frame_of, line_of, with_gains, with_provenance
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record
 
@@ -14,15 +14,19 @@ def rows(tmp_path) -> RowFile:
     return RowFile(tmp_path / "rows.jsonl", ("scene", "splat"), ("psnr",))
 
 
+def add(rows: RowFile, *measurements: Measurement) -> None:
+    rows.add_lines([line_of(measurement) for measurement in measurements])
+
+
 def row(splat: str, psnr: float, scene: str = "plush") -> dict[str, object]:
     return {"scene": scene, "splat": splat, "psnr": psnr}
 
 
 def test_rows_that_are_measured_again_replace_the_old_ones(rows):
     assert rows.read_or_empty().empty
-    rows.add([row("raw", 20.0), row("new", 21.0), row("new", 22.0)])
+    add(rows, row("raw", 20.0), row("new", 21.0), row("new", 22.0))
     first = rows.path.read_text().splitlines()[0]
-    rows.add([row("new", 23.0), row("raw", 30.0, "copr")])
+    add(rows, row("new", 23.0), row("raw", 30.0, "copr"))
     assert rows.path.read_text().splitlines()[0] == first  # to the letter
     found = rows.read()
     assert found[["scene", "splat", "psnr"]].to_numpy().tolist() == [
@@ -37,7 +41,7 @@ def test_rows_that_are_measured_again_replace_the_old_ones(rows):
 )
 def test_a_file_of_something_else_is_refused_and_kept(rows, text, said):
     rows.path.write_text(text)
-    for act in (rows.read, rows.read_or_empty, lambda: rows.add([row("raw", 20.0)])):
+    for act in (rows.read, rows.read_or_empty, lambda: add(rows, row("raw", 20.0))):
         with pytest.raises(InputError, match=f"{said}.*with runs="):
             act()
     assert rows.path.read_text() == text
@@ -49,8 +53,8 @@ def record(variant: str, psnr: float | None, view: str = "a.png") -> Record:
 
 def test_records_keep_their_checksums_and_a_changed_one_is_refused(tmp_path):
     rows = RowFile(tmp_path / "records.jsonl", ("run", "view", "variant"))
-    rows.add([record("raw", 20.0), record("new", None)])
-    rows.add([record("raw", 21.0)])
+    add(rows, record("raw", 20.0), record("new", None))
+    add(rows, record("raw", 21.0))
     assert rows.read()["variant"].tolist() == ["new", "raw"]
     assert rows.read()["psnr"].isna().tolist() == [True, False]
     rows.path.write_text(rows.path.read_text().replace("21.0", "29.0"))
@@ -60,7 +64,7 @@ def test_records_keep_their_checksums_and_a_changed_one_is_refused(tmp_path):
 
 def test_numbers_that_are_not_finite_are_null_and_values_within_values_are_columns(tmp_path):
     rows = RowFile(tmp_path / "rows.jsonl", ("row",))
-    rows.add([{"row": "a", "blur": {"training": 1.0, "ratio": math.nan}}])
+    add(rows, {"row": "a", "blur": {"training": 1.0, "ratio": math.nan}})
     assert "NaN" not in rows.path.read_text()
     found = rows.read()
     assert found["blur training"].tolist() == [1.0]
