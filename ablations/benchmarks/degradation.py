@@ -80,12 +80,9 @@ class MethodTiming:
     method: str
     input: str
     call: Degradation
-    view: View = field(init=False)
+    view: View
     wall: list[float] = field(default_factory=list)
     processor: list[float] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self.view = scene(*INPUTS[self.input])
 
     def run(self, seed: int) -> None:
         """One call, timed."""
@@ -125,7 +122,7 @@ def rows_of(methods: Sequence[str] | None, overrides: Sequence[str]) -> tuple[li
                 raise
             left_out[method] = str(error)
             continue
-        rows += [MethodTiming(method, name, call) for name in INPUTS]
+        rows += [MethodTiming(method, name, call, scene(*size)) for name, size in INPUTS.items()]
     return rows, left_out
 
 

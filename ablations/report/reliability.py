@@ -177,13 +177,12 @@ def _two_process_table(rows: Sequence[Row]) -> str:
 
 def _by_job(rows: Sequence[Row]) -> str:
     jobs = list(dict.fromkeys(row["job"] for row in rows))
-    rows_by_job = {job: [row for row in rows if row["job"] == job] for job in jobs}
-    lines = [(f"`{job}`", *_counts(map(_count_case, rows_by_job[job])), _named(rows_by_job[job])) for job in jobs]
+    lines = []
+    for job in jobs:
+        job_rows = [row for row in rows if row["job"] == job]
+        moments = ", ".join(f"`{row['moment']}`" for row in job_rows)
+        lines.append((f"`{job}`", *_counts(map(_count_case, job_rows)), moments))
     return _table(("job", "sorts of files", "handled", "failed", "which"), lines)
-
-
-def _named(rows: Sequence[Row]) -> str:
-    return ", ".join(f"`{row['moment']}`" for row in rows)
 
 
 def _families(cells: Sequence[Record]) -> str:

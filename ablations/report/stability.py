@@ -160,17 +160,11 @@ def _reasons(cells: Sequence[Record], cases_by_name: Mapping[str, Case]) -> str:
             continue
         limits = "; ".join(f"{p} {_limits(pair)}" for p, pair in case.tolerance.items())
         lines.setdefault(f"{limits}{f' ({case.why})' if case.why else ''}", []).append(name)
-    items = (
-        f"- {names}: {tolerances}\n"
-        for tolerances, names in _group_names(lines, len(dict.fromkeys(r.scene for r in cells)))
-    )
+    items = []
+    for tolerances, names in lines.items():
+        applies_to = "all" if len(names) == len({cell.scene for cell in cells}) else ", ".join(f"`{n}`" for n in names)
+        items.append(f"- {applies_to}: {tolerances}\n")
     return "Tolerances, result and gradient:\n\n" + "".join(items)
-
-
-def _group_names(lines: Mapping[str, Sequence[str]], count: int) -> list[tuple[str, str]]:
-    return [
-        (w, "all" if len(names) == count else ", ".join(f"`{name}`" for name in names)) for w, names in lines.items()
-    ]
 
 
 def _limits(pair: tuple[float, float]) -> str:

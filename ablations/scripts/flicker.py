@@ -52,6 +52,7 @@ STEADY = "steady "
 """Part of the names of variants with temporal smoothing; the share follows."""
 PATH = "path "
 """Start of the names of variants whose references are chosen for the path; the factor follows."""
+UNSEEN = "not measured: the frames show no common surface"
 
 
 @dataclass(frozen=True)
@@ -159,16 +160,17 @@ def sequence_records(run: Path, sequence: FrameSequence, weights: str) -> Iterat
         for t, error in enumerate(sequence_errors(images, sequence.places)):
             size = (images[t].shape[2], images[t].shape[1])
             record_key = (run.name, scene_of(run), f"ours_{run_steps(run)[-1]}", f"path_{t:04d}.png", variant)
-            extra: dict[str, float | None] = {}
+            metrics = _metrics(error)
+            reasons = {name: UNSEEN for name, value in metrics.items() if value is None}
             if variant in changed:
                 added, reordered = changed[variant][t]
-                extra = {"references_new": float(added), "references_reordered": float(reordered)}
+                metrics |= {"references_new": float(added), "references_reordered": float(reordered)}
             elif variant == "change":
-                extra = {"size": float((images[t] - 0.5).abs().mean())}
+                metrics["size"] = float((images[t] - 0.5).abs().mean())
             if "photo" in sequence.images and variant not in ("photo", "change"):
-                extra["psnr"] = float(peak_signal_noise_ratio(images[t], sequence.images["photo"][t], data_range=1.0))
+                metrics["psnr"] = float(peak_signal_noise_ratio(images[t], sequence.images["photo"][t], data_range=1.0))
             note = PROTOCOL if variant in ("raw", "photo") else f"{PROTOCOL}; weights {weights}"
-            yield Record("consistency", *record_key, {**_metrics(error), **extra}, _reasons(error), size, note)
+            yield Record("consistency", *record_key, metrics, reasons, size, note)
 
 
 def compare_variants(frame: pd.DataFrame) -> pd.DataFrame:
@@ -201,19 +203,9 @@ def with_other(frame: pd.DataFrame, variant: str) -> pd.DataFrame:
 
 
 def _metrics(error: WarpedError) -> dict[str, float | None]:
-    if error.visible == 0:
-        return {"warped_error": None, "warped_rms": None, "warped_psnr": None, "visible": 0.0}
-    return {
-        "warped_error": error.mean,
-        "warped_rms": error.rms,
-        "warped_psnr": error.decibel,
-        "visible": error.visible,
-    }
-
-
-def _reasons(error: WarpedError) -> dict[str, str]:
-    names = ("warped_error", "warped_rms", "warped_psnr") if error.visible == 0 else ()
-    return dict.fromkeys(names, "not measured: the frames show no common surface")
+    values = (error.mean, error.rms, error.decibel) if error.visible else (None, None, None)
+    names = ("warped_error", "warped_rms", "warped_psnr")
+    return {**dict(zip(names, values, strict=True)), "visible": error.visible}
 
 
 def _no_photo() -> Tensor:

@@ -1,7 +1,7 @@
 """Prepares the settings of the job tradeoff: finds weights, builds enhancers, compiles networks once."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -33,7 +33,6 @@ Enhance = Callable[[RenderedSet], Float[Tensor, "3 _ _"]]
 """A function that returns the enhanced first target of a set."""
 
 
-@dataclass
 class SettingLoader:
     """Loads settings for measurement.
 
@@ -41,17 +40,12 @@ class SettingLoader:
         cfg: conf/tradeoff.yaml, composed.
         device: device of the networks.
         folder: for weights files of networks without trained weights.
-        runs: the suite's runs, which have the trainings.
     """
 
-    cfg: DictConfig
-    device: torch.device
-    folder: Path
-    runs: Runs = field(init=False)
-    _compiled: dict[str, Network] = field(default_factory=dict, init=False)
-
-    def __post_init__(self) -> None:
-        self.runs = Runs(self.cfg)
+    def __init__(self, cfg: DictConfig, device: torch.device, folder: Path) -> None:
+        self.cfg, self.device, self.folder = cfg, device, folder
+        self.runs = Runs(cfg)
+        self._compiled: dict[str, Network] = {}
 
     def weights(self, setting: Setting) -> str:
         """The weights of a setting.
@@ -110,8 +104,7 @@ class SettingLoader:
 def _training(cfg: DictConfig, setting: Setting) -> Experiment:
     """An experiment with one trained method, so that its training has the digest that the suite uses."""
     train = (*cfg.scale.trainings[setting.learns].train, *setting.train)
-    methods = {setting.name: MethodDescription(title=setting.name, about="", role="", train=train)}
-    table = TableDescription(
-        "tradeoff", "", "quality", "", methods, setting.name, (), (), {}, tuple(cfg.scale.seeds[:1]), {}, False, ""
-    )
+    methods = {setting.name: MethodDescription(setting.name, train=train, role="")}
+    seeds = tuple(cfg.scale.seeds[:1])
+    table = TableDescription("tradeoff", "", "quality", "", methods, setting.name, (), (), {}, seeds)
     return Experiment(table, (), {setting.name: setting.learns})

@@ -1,7 +1,6 @@
 """Copies pictures beside the page: a few views of every scene before and after enhancement, in original resolution."""
 
 import hashlib
-import re
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,6 +12,7 @@ from PIL import Image
 from ablations.report.dashboard.folder import TableRecords
 from gaussian_enhancer.files import atomic_write
 from gaussian_enhancer.metrics.records import Record
+from gaussian_enhancer.scene.renders import run_steps
 
 LARGEST_COPY = 1_500_000
 """Largest size in bytes of a picture that is copied unchanged; larger ones become JPEGs of quality 92."""
@@ -83,13 +83,13 @@ def copy_pictures(tables: Sequence[TableRecords], runs: Path, output: Path, coun
             missing[label] = "its records name no enhanced run"
             continue
         folder = runs / "enhance" / name
-        step_folder = _last_step_folder(folder)
-        if step_folder is None:
+        steps = run_steps(folder)
+        if not steps:
             missing[label] = f"the enhanced run {name} is not on this machine"
             continue
         for record in records:
             shown_view = views.setdefault((scene, splat, record.view), ShownView(scene, splat, record.view))
-            missing_file = _copy_view(shown_view, method, title, step_folder, record.view, output)
+            missing_file = _copy_view(shown_view, method, title, folder / f"test/ours_{steps[-1]}", record.view, output)
             if missing_file:
                 missing[f"{label} · {record.view}"] = missing_file
     complete = tuple(
@@ -126,12 +126,6 @@ def _pick_evenly(records: Sequence[Record], count: int) -> list[Record]:
     if len(records) <= count:
         return list(records)
     return [records[round((2 * i + 1) * (len(records) - 1) / (2 * count))] for i in range(count)]
-
-
-def _last_step_folder(folder: Path) -> Path | None:
-    """The folder of an enhanced run's last step; None if it does not exist."""
-    steps = [(int(m[1]), p) for p in folder.glob("test/ours_*") if (m := re.fullmatch(r"ours_(\d+)", p.name))]
-    return max(steps)[1] if steps else None
 
 
 def _copy_view(view: ShownView, method: str, title: str, step_folder: Path, name: str, output: Path) -> str:
