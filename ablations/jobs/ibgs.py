@@ -11,13 +11,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from ablations.ibgs.network import IBGSResidual
-from ablations.ibgs.training import (
-    ResidualSettings,
-    TrainedResidual,
-    TrainingView,
-    train_residual,
-    training_views,
-)
+from ablations.ibgs.training import ResidualSettings, TrainedResidual, TrainingView, train_residual, training_views
 from ablations.study.fits import finished_fits, scene_of
 from ablations.study.processor import refuse_gpu
 from gaussian_enhancer.checkpoint import WEIGHTS

@@ -89,13 +89,7 @@ PATIENCE = 4
 
 
 def two_sample_test(
-    train: Patches,
-    test: Patches,
-    *,
-    conditional: bool = False,
-    seeds: int = 3,
-    epochs: int = 12,
-    first_seed: int = 0,
+    train: Patches, test: Patches, *, conditional: bool = False, seeds: int = 3, epochs: int = 12, first_seed: int = 0
 ) -> TwoSample:
     """Train classifiers on patches of some scenes and measure them on others.
 
@@ -191,12 +185,7 @@ def _split(train: Patches, generator: torch.Generator) -> tuple[Patches, Patches
 
 
 def _trained(
-    network: Classifier,
-    learn: Patches,
-    held_out: Patches,
-    conditional: bool,
-    generator: torch.Generator,
-    epochs: int,
+    network: Classifier, learn: Patches, held_out: Patches, conditional: bool, generator: torch.Generator, epochs: int
 ) -> Classifier:
     optimiser = torch.optim.Adam(network.parameters(), lr=RATE, weight_decay=1e-4)
     best, best_loss, since = copy.deepcopy(network.state_dict()), float("inf"), 0

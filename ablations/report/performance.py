@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
+from ablations.study.aims import VERDICTS
 from ablations.study.markdown import frame, markdown
 from ablations.study.plots import Mark, Panel, work_precision
 from ablations.study.sections import distinct_values, missing_section, relative_link, source_list
@@ -82,13 +83,7 @@ class Target:
         if measured is None:
             return self.part, aim, "not measured", "", ""
         met = measured <= self.limit if self.at_most else measured >= self.limit
-        return (
-            self.part,
-            aim,
-            f"{number(measured)} {self.unit}".rstrip(),
-            "met" if met else "**missed**",
-            self.bound(sources),
-        )
+        return self.part, aim, f"{number(measured)} {self.unit}".rstrip(), VERDICTS[met], self.bound(sources)
 
 
 def number(value: float) -> str:
@@ -251,14 +246,10 @@ def performance_page(sources: PageRecords, files: Mapping[str, Path], drawing: P
 
 
 def _yardsticks(records: Sequence[Record]) -> str:
-    lines = [
-        (
-            record.variant,
-            number(record.metrics["milliseconds"] or 0.0),
-            f"{number(record.metrics['a_second'] or 0.0)} {record.view}",
-        )
-        for record in records
-    ]
+    lines = []
+    for record in records:
+        milliseconds, rate = (number(record.metrics[name] or 0.0) for name in ("milliseconds", "a_second"))
+        lines.append((record.variant, milliseconds, f"{rate} {record.view}"))
     return markdown(frame(("workload", "ms", "a second"), lines))
 
 
@@ -362,15 +353,10 @@ def _quality(sources: PageRecords) -> str:
     times = {record.variant: record.metrics[TIME] for record in sources.of(ENHANCEMENT) if record.splat == FAST[0]}
     measured = [record.variant for record in (*sources.equal_budget, *sources.quality)]
     counts = {name: measured.count(f"lr/{name}") for name in gain_by_method}
-    lines = [
-        (
-            f"`{name}`",
-            f"{gain:+.2f}",
-            str(counts[name]),
-            number(value) if (value := times.get(name)) else "not measured",
-        )
-        for name, gain in gain_by_method.items()
-    ]
+    lines = []
+    for name, gain in gain_by_method.items():
+        time = number(value) if (value := times.get(name)) else "not measured"
+        lines.append((f"`{name}`", f"{gain:+.2f}", str(counts[name]), time))
     return EQUAL + markdown(frame(("method", "PSNR, dB", "frames", "whole, ms / MP"), lines))
 
 

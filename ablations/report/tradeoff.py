@@ -1,6 +1,7 @@
 """Makes the page of error over run time as Markdown with diagrams, from records alone."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from ablations.report.tradeoff_kernels import kernel_parts
@@ -28,15 +29,17 @@ def write_pages(
     """
     link = relative_link(folder, page)
     parts, diagrams = [HEAD], {}
-    for kind, make_parts in (("quality", None), ("training", training_parts), ("numerics", kernel_parts)):
+    makers: dict[str, Callable[[Sequence[Record]], Iterator[tuple[str, str, str]]]] = {
+        "quality": partial(quality_parts, titles=titles, limits=limits),
+        "training": training_parts,
+        "numerics": kernel_parts,
+    }
+    for kind, make_parts in makers.items():
         if kind not in records:
             parts.append(f"## {KINDS[kind]}\n\nNot measured yet: `gaussian-enhancer tradeoff kind={kind}`.\n")
             continue
-        section_parts = (
-            quality_parts(records[kind], titles, limits) if make_parts is None else make_parts(records[kind])
-        )
         parts.append(f"## {KINDS[kind]}\n")
-        for text, name, diagram in section_parts:
+        for text, name, diagram in make_parts(records[kind]):
             parts.append(text)
             if diagram:
                 diagrams[f"{name}.svg"] = diagram

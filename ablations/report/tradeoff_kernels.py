@@ -37,7 +37,7 @@ def _panel(case: str, records: Sequence[Record]) -> Panel:
         spread = metrics["lower_quartile"], metrics["upper_quartile"]
         mark = Mark(setting, metrics["milliseconds"], metrics["relative_error"], *spread)
         curves.setdefault(curve, []).append(mark)
-    return Panel(case, "time, ms", "relative error", {name: tuple(marks) for name, marks in curves.items()})
+    return Panel(case, "time, ms", "relative error", curves)
 
 
 def _table(records: Sequence[Record]) -> str:

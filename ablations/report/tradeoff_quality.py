@@ -106,8 +106,7 @@ def _panels(groups: Mapping[str, tuple[tuple[SettingSummary, ...], dict[str, str
                         Mark(setting.setting, setting.milliseconds, error, setting.low, setting.high)
                     )
             group_title = "all scenes" if group == ALL else f"{group} scenes"
-            mark_tuples = {name: tuple(marks) for name, marks in curves.items()}
-            yield Panel(f"{title}, {group_title}", TIME_AXIS, title, mark_tuples, baseline)
+            yield Panel(f"{title}, {group_title}", TIME_AXIS, title, curves, baseline)
 
 
 def _choices(groups: Mapping[str, tuple[tuple[SettingSummary, ...], dict[str, str]]], limits: TradeoffLimits) -> str:

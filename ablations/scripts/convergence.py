@@ -226,11 +226,7 @@ def draw_curves(frame: pd.DataFrame, path: Path) -> None:
                 f"{point['step']}", (point["raw"], point["gain"]), fontsize=7, xytext=(3, 3), textcoords="offset points"
             )
     axes.axhline(0, color="grey", linewidth=0.8)
-    axes.set(
-        xlabel="raw render, colour-aligned PSNR, dB",
-        ylabel="gain, dB",
-        title=f"{method}; points: steps",
-    )
+    axes.set(xlabel="raw render, colour-aligned PSNR, dB", ylabel="gain, dB", title=f"{method}; points: steps")
     axes.legend(fontsize=8)
     path.parent.mkdir(parents=True, exist_ok=True)
     with rc_context({"svg.hashsalt": STYLE["svg.hashsalt"]}):  # equal records give an equal file

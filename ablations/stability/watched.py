@@ -14,9 +14,7 @@ Task = tuple[Case, Precision, str]
 
 
 def matrix_records(
-    cases: Sequence[Case],
-    precisions: Sequence[Precision] = PRECISIONS,
-    threads: int = 1,
+    cases: Sequence[Case], precisions: Sequence[Precision] = PRECISIONS, threads: int = 1
 ) -> Iterator[Record]:
     """Compute a record for each case, precision and pass.
 

@@ -60,10 +60,7 @@ class WarpedError:
 
 
 def warped_error(
-    image: Float[Tensor, "3 h w"],
-    geometry: FrameGeometry,
-    other: Float[Tensor, "3 h w"],
-    other_geometry: FrameGeometry,
+    image: Float[Tensor, "3 h w"], geometry: FrameGeometry, other: Float[Tensor, "3 h w"], other_geometry: FrameGeometry
 ) -> WarpedError:
     """Warp another frame onto this one through this frame's depth, and compare them where both show the same surface.
 

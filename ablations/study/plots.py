@@ -63,7 +63,7 @@ class Panel:
     title: str
     x_title: str
     y_title: str
-    curves: Mapping[str, tuple[Mark, ...]] = field(default_factory=dict)
+    curves: Mapping[str, Sequence[Mark]] = field(default_factory=dict)
     baseline: tuple[str, float] | None = None
 
 

@@ -76,10 +76,7 @@ def _columns(unique: Sequence[tuple[str, Record]], metrics: Sequence[str]) -> di
         columns["seed"].append(record.seed)
         columns["checksum"].append(checksum)
     values = {name: [record.metrics.get(name) for _, record in unique] for name in metrics}
-    return {
-        "pools": {name: pool.values for name, pool in pools.items()},
-        "records": {**columns, "values": values},
-    }
+    return {"pools": {name: pool.values for name, pool in pools.items()}, "records": {**columns, "values": values}}
 
 
 def _table(listing: TableRecords, index_by_key: Mapping[tuple[str, str], int]) -> dict[str, Any]:
