@@ -132,31 +132,16 @@ def read_description(path: str | Path) -> TableDescription:
         InputError: the file is missing, or is not a description of a table.
     """
     try:
-        return parse_description(json.loads(Path(path).read_text(encoding="utf-8")))
+        values = json.loads(Path(path).read_text(encoding="utf-8"), object_hook=_tuples)
+        methods = {name: MethodDescription(**method) for name, method in values["methods"].items()}
+        datasets = {name: SceneGroup(**dataset) for name, dataset in values["datasets"].items()}
+        return TableDescription(**{**values, "methods": methods, "datasets": datasets})
     except FileNotFoundError:
         raise InputError(path, "does not exist", "make the table first: gaussian-enhancer tables") from None
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         raise InputError(path, f"describes no table ({error})", "make the table again") from None
 
 
-def parse_description(values: Mapping[str, Any]) -> TableDescription:
-    """Build a table's description from plain values.
-
-    Raises:
-        TypeError: a field is missing or unknown.
-        ValueError: a value is out of range.
-    """
-    methods = {str(name): MethodDescription(**_tuples(method)) for name, method in values["methods"].items()}
-    datasets = {str(name): SceneGroup(**_tuples(dataset)) for name, dataset in values["datasets"].items()}
-    paper = {
-        str(block): {
-            str(method): None if cells is None else tuple(map(float, cells)) for method, cells in rows_.items()
-        }
-        for block, rows_ in values.get("paper", {}).items()
-    }
-    return TableDescription(**_tuples({**values, "methods": methods, "datasets": datasets, "paper": paper}))
-
-
-def _tuples(values: Mapping[str, Any]) -> dict[str, Any]:
+def _tuples(values: dict[str, Any]) -> dict[str, Any]:
     """The values with lists converted to tuples."""
-    return {str(name): tuple(value) if isinstance(value, list) else value for name, value in values.items()}
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
