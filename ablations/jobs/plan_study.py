@@ -60,8 +60,9 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
     for name in (cfg.baseline, cfg.shown):
         if name not in cfg.worlds.plans:
             raise InputError("worlds.plans", f"names no {name!r}", "give the plans that are compared")
-    if not cfg.records_only:
-        _refuse_without_fits(cfg)
+    if not (cfg.records_only or cfg.fit_missing or (Path(cfg.runs) / "fit").is_dir()):  # every scene would be missing
+        received = f"is {cfg.runs}, which holds no fit"
+        raise InputError("runs", received, "name the folder of runs, or add fit_missing=true")
     scenes = () if cfg.records_only else tuple(map(str, cfg.worlds.cells))
     console = Console(stderr=True)
     return Study(
@@ -93,14 +94,6 @@ def _reported(cfg: DictConfig, console: Console) -> float | None:
     print_line(console, f"{page}, {drawing}")
     ratios = [cost.ratio for cost in sets[0].costs() if cost.ratio is not None]
     return min(ratios, default=None)
-
-
-def _refuse_without_fits(cfg: DictConfig) -> None:
-    """Refuse a folder without any fit if none may be made: every scene would be missing."""
-    if not cfg.fit_missing and not (Path(cfg.runs) / "fit").is_dir():
-        raise InputError(
-            "runs", f"is {cfg.runs}, which holds no fit", "name the folder of runs, or add fit_missing=true"
-        )
 
 
 def aims_of(cfg: DictConfig) -> PlanAims:

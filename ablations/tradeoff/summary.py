@@ -93,15 +93,15 @@ def _place(record: Record) -> tuple[str, str, str]:
 
 def _summary(name: str, records: Sequence[Record]) -> SettingSummary:
     curve, _, setting = name.partition("/")
-    times = {key: statistics.median(_values(records, key)) for key in (TIME, LOW, HIGH)}
+    milliseconds, low, high = (statistics.median(_values(records, key)) for key in (TIME, LOW, HIGH))
     lpips_names = {key for record in records for key in record.metrics if key.startswith("lpips")}
     lpips_values = {key: _values(records, key) for key in sorted(lpips_names)}
     return SettingSummary(
         curve,
         setting,
-        times[TIME],
-        times[LOW],
-        times[HIGH],
+        milliseconds,
+        low,
+        high,
         statistics.fmean(_values(records, "psnr")),
         1 - statistics.fmean(_values(records, "ssim")),
         {key: statistics.fmean(values) for key, values in lpips_values.items() if len(values) == len(records)},
