@@ -122,7 +122,7 @@ class _Plan:
         self.estimates = Estimates(Path(cfg.runs), cfg.scale)
         self.runs_by_digest: dict[str, PlannedRun] = {}
         self.tables: dict[str, dict[str, None]] = {}
-        self.names: dict[tuple[Any, ...], str] = {}
+        self.digests: dict[tuple[Any, ...], str] = {}
 
     def steps(self) -> list[PlannedRun]:
         """All planned runs, each with the tables that need it."""
@@ -135,12 +135,12 @@ class _Plan:
         if seed is not None:
             inputs.append(self.training(experiment, method, seed))
         work = RunSpec("row", experiment.table.name, method=method, seed=seed, cell=cell)
-        self._add(work, label, lambda: self.runs.row_job(experiment, cell, method, seed), tuple(inputs), cell.finer)
+        self._add(work, label, lambda: self.runs.row_job(experiment, cell, method, seed), inputs)
 
     def costs(self, experiment: Experiment) -> None:
         """Add the trainings of all methods, then a cost measurement for each output size."""
         seed = experiment.table.seeds[0]
-        inputs = tuple(self.training(experiment, method, seed) for method in experiment.table.methods)
+        inputs = [self.training(experiment, method, seed) for method in experiment.table.methods]
 
         def job(size: str) -> DictConfig:
             training_digests = {
@@ -156,24 +156,16 @@ class _Plan:
         """Add the training of a method after its fits and its simulator; returns the training's name."""
         inputs = self.fits(experiment, experiment.learns[method])
         work = RunSpec("train", experiment.table.name, method=method, seed=seed)
-        key = train_key(experiment, method, seed)
         if self._uses_seed_simulator(experiment, method, seed):
             inputs.append(self.simulator(experiment, seed))
-        return self._add(
-            work,
-            f"seed{seed}",
-            lambda: naming_configuration(self.runs.train_job(experiment, method, seed)),
-            tuple(inputs),
-            key=key,
-        )
+        configured, key = partial(self.runs.train_job, experiment, method, seed), train_key(experiment, method, seed)
+        return self._add(work, f"seed{seed}", lambda: naming_configuration(configured()), inputs, key)
 
     def simulator(self, experiment: Experiment, seed: int) -> str:
         """Add the training of a seed's simulator after its fits; returns the training's name."""
         inputs = self.fits(experiment, str(self.cfg.scale.simulator.learns))
         work, key = RunSpec("train_generator", experiment.table.name, seed=seed), ("train_generator", seed)
-        return self._add(
-            work, f"seed{seed}", lambda: result_configuration(self.runs.simulator_job(seed)), tuple(inputs), key=key
-        )
+        return self._add(work, f"seed{seed}", lambda: result_configuration(self.runs.simulator_job(seed)), inputs, key)
 
     def _uses_seed_simulator(self, experiment: Experiment, method: str, seed: int) -> bool:
         """Whether a training uses the simulator of its own seed; False if its configuration cannot be composed yet."""
@@ -194,18 +186,16 @@ class _Plan:
             word.split("=")[1] for word in overrides if word.startswith(("scene=", "scene.seed=", "splat="))
         )
         work = RunSpec("fit", experiment.table.name, fit=tuple(overrides))
-        return self._add(
-            work, label.replace("/", "_"), lambda: self.runs.fit_job(overrides), (), key=("fit", *overrides)
-        )
+        configured = partial(self.runs.fit_job, overrides)
+        return self._add(work, label.replace("/", "_"), configured, (), ("fit", *overrides))
 
     def _add(
         self,
         work: RunSpec,
         label: str,
         configured: Callable[[], DictConfig],
-        inputs: tuple[str, ...],
-        finer: bool = False,
-        key: tuple[Any, ...] | None = None,
+        inputs: Sequence[str],
+        key: tuple[Any, ...] = (),
     ) -> str:
         """Add a run unless it is already planned; returns its name.
 
@@ -214,15 +204,12 @@ class _Plan:
             label: readable part of its name; the label of a training's configuration is put before it.
             configured: composes its configuration.
             inputs: names of the runs that must finish first.
-            finer: whether images have 4 times the resolution.
-            key: identifies the run without composing its configuration; None if only the digest does.
+            key: identifies the run without composing its configuration; empty if only the digest does.
         """
-        if key is not None and key in self.names:
-            self.tables[self.names[key]][work.table] = None
-            return self.runs_by_digest[self.names[key]].name
-        digest = self._step(work, label, configured, inputs, finer, key or ())
-        if key is not None:
-            self.names[key] = digest
+        digest = self.digests.get(key)
+        if digest is None:
+            digest = self._step(work, label, configured, tuple(inputs), key)
+            self.digests |= {key: digest} if key else {}
         self.tables.setdefault(digest, {})[work.table] = None
         return self.runs_by_digest[digest].name
 
@@ -232,17 +219,16 @@ class _Plan:
         label: str,
         configured: Callable[[], DictConfig],
         inputs: tuple[str, ...],
-        finer: bool,
         key: Sequence[Any],
     ) -> str:
         """Plan a run from its configuration; returns its digest, or a text in its place if composing failed."""
-        job, not_started = work.job, State("not started")
+        job, finer = work.job, work.cell is not None and work.cell.finer
         try:
             cfg = configured()
         except InputError as error:
             digest = f"{job} {label} {error}"
             minutes = self.estimates.minutes_without_config(job, key, finer)
-            step = PlannedRun(work, "", label, not_started, inputs, minutes, str(error), ())
+            step = PlannedRun(work, "", label, State("not started"), inputs, minutes, str(error), ())
         else:
             digest = run_digest(cfg, job)
             run = find_run(cfg, job)
