@@ -4,7 +4,7 @@ from pathlib import Path
 
 from ablations.report.desk import STAND_INS, choices_table, stand_in_table
 from ablations.study.description import MethodDescription, TableDescription, write_description
-from ablations.study.rows import RowFile
+from ablations.study.rows import RowFile, line_of
 from gaussian_enhancer.metrics.records import Record
 
 
@@ -14,7 +14,7 @@ def measured(run: str, view: str, variant: str, psnr: float, seed: int | None = 
 
 
 def write(path: Path, records: list[Record]) -> None:
-    RowFile(path, ("run", "view", "variant", "seed")).add(records)
+    RowFile(path, ("run", "view", "variant", "seed")).add_lines(list(map(line_of, records)))
 
 
 def test_a_stand_in_is_the_mean_over_fits_of_the_first_seed(tmp_path: Path) -> None:
