@@ -26,6 +26,7 @@ PAGES = (
     "docs/results/fitting.md",
     "docs/results/networks.md",
     "docs/results/simulator.md",
+    "docs/results/weights.md",
 )
 """Pages with inserted texts."""
 BEGIN, END = "<!-- {}: gaussian-enhancer pages write=true -->", "<!-- end -->"
@@ -62,6 +63,9 @@ TEXTS: dict[str, Callable[[Path], str]] = {
     "docs/results/diversity.jsonl": study_table("diversity", spreads),
     "docs/results/renders_validation.jsonl": study_table("gains"),
     "docs/results/renders_test.jsonl": study_table("gains"),
+    "docs/results/candidates.jsonl": study_table("gains"),
+    "docs/results/candidates_22_nov.jsonl": study_table("gains"),
+    "docs/results/strength.jsonl": study_table("gains"),
     "docs/results/sampler.jsonl": study_table("sampler"),
     "docs/results/degradation.jsonl": study_table("degradation"),
     "docs/results/tables/desk": stand_in_table,
