@@ -57,6 +57,7 @@ TEXTS: dict[str, Callable[[Path], str]] = {
     "docs/results/depth.jsonl": study_table("depth", gains_over_raw),
     "docs/results/depth_converged.jsonl": study_table("depth", gains_over_raw),
     "docs/results/splat_kernels.jsonl": study_table("splat_kernels"),
+    "docs/results/initialisation.jsonl": study_table("initialisation"),
     "docs/results/fingerprints.jsonl": study_table("fingerprints", by_energy),
     "docs/results/realism_validation.jsonl": study_table("realism"),
     "docs/results/realism_test.jsonl": study_table("realism"),
