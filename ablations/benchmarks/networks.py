@@ -166,7 +166,7 @@ def measured(cfg: DictConfig) -> Iterator[dict[str, Any]]:
         }
 
 
-def named(frame: pd.DataFrame) -> pd.DataFrame:
+def format_networks(frame: pd.DataFrame) -> pd.DataFrame:
     """The rows with the network's name as Markdown prints code."""
     return frame.assign(network="`" + frame["fusion"] + "`")
 
@@ -174,7 +174,7 @@ def named(frame: pd.DataFrame) -> pd.DataFrame:
 def study(cfg: DictConfig, device: torch.device) -> Study[DictConfig]:
     """All networks, timed in turn."""
     refuse_gpu(device)
-    return Study([cfg], measured, ("fusion", "alignment", "size", "references"), derived=named)
+    return Study([cfg], measured, ("fusion", "alignment", "size", "references"), derived=format_networks)
 
 
 run = job(study)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from ablations.benchmarks.networks import named
+from ablations.benchmarks.networks import format_networks
 from ablations.report.desk import choices_table, stand_in_table
 from ablations.report.readme import converged_table, frozen_test_sentence
 from ablations.report.video import flicker_table, read_speed, speed_table
@@ -36,7 +36,7 @@ BEGIN, END = "<!-- {}: gaussian-enhancer pages write=true -->", "<!-- end -->"
 def study_table(
     layout: str, derived: Callable[[pd.DataFrame], pd.DataFrame] = lambda rows: rows
 ) -> Callable[[Path], str]:
-    """The function that makes a study's table, as its job prints it, from a file of its rows.
+    """The function that makes a study's table from a file of its rows.
 
     Args:
         layout: of ``conf/row_table``.
@@ -53,7 +53,7 @@ TEXTS: dict[str, Callable[[Path], str]] = {
     "docs/results/video_speed.json": lambda path: speed_table(read_speed(path)),
     "docs/results/flicker_converged.jsonl": lambda path: flicker_table(read_records(path)),
     "docs/results/flicker_path.jsonl": lambda path: flicker_table(read_records(path)),
-    "docs/results/networks.jsonl": study_table("networks", named),
+    "docs/results/networks.jsonl": study_table("networks", format_networks),
     "docs/results/depth.jsonl": study_table("depth", gains_over_raw),
     "docs/results/depth_converged.jsonl": study_table("depth", gains_over_raw),
     "docs/results/splat_kernels.jsonl": study_table("splat_kernels"),

@@ -15,7 +15,7 @@ PAPER = "gaussian_enhancer.network.paper."
 
 
 def recorded(name: str) -> pd.DataFrame:
-    return networks.named(RowFile(ROOT / f"docs/results/{name}.jsonl", ("fusion",)).read())
+    return networks.format_networks(RowFile(ROOT / f"docs/results/{name}.jsonl", ("fusion",)).read())
 
 
 def table(rows: pd.DataFrame) -> str:

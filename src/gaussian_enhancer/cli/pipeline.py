@@ -27,11 +27,12 @@ def fit_run(job: DictConfig, refusal: InputError | None = None) -> Run:
         InputError: the refusal, or an error of the job.
     """
     existing = find_run(job, "fit")
-    if existing is None or not existing.done:
-        if refusal is not None:
-            raise refusal
-        with status.track_runs():
-            fit.run(job)
+    if existing is not None and existing.done:
+        return existing
+    if refusal is not None:
+        raise refusal
+    with status.track_runs():
+        fit.run(job)
     return _finished_run(job, "fit")
 
 
