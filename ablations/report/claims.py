@@ -168,7 +168,7 @@ def _compare_deviation(context: str, number: Number) -> Finding:
         return None, f"{context}: none printed"
     if ours is None or number.seeds < RUNS:
         return None, f"{context}: {number.seeds} runs"
-    return ours <= paper, f"{context} {ours:.4f} against {paper:g} ({number.seeds} runs)"
+    return ours <= paper, f"{context} {ours:.2g} against {paper:g} ({number.seeds} runs)"
 
 
 def _paper_agrees(table: TableDescription, block: str, method: str, other: str, metric: str) -> bool:
