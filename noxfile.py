@@ -184,13 +184,8 @@ WEIGHTS = (
     "initial.second={sr_begun}",
     "+recipe=sr_converged size=tiny seed=1 trainer.max_steps=4000 label=sr_tiny +card.name=sr_tiny "
     "initial.first={lr_converged} initial.second={sr_second}",
-    "+recipe=lr_shipped fusion=ssif_lr label=lr_tiny +card.name=lr_tiny",
-    "+recipe=lr_shipped fusion=sif label=row_sif",
-    "+recipe=lr_shipped fusion=nafnet alignment=none label=row_nafnet",
-    "+recipe=lr_shipped fusion=edvr alignment=none label=row_edvr",
-    "+recipe=lr_shipped fusion=ssif_lr +ablation/mode=all label=row_paper",
 )
-"""Overrides of the job train: shipped weights, then the other rows of docs/results/quality_equal_budget.md.
+"""Overrides of the job train for the shipped weights, in the order in which they learn from each other.
 
 {label} is replaced by the weights of an earlier row.
 """
@@ -198,7 +193,7 @@ WEIGHTS = (
 
 @nox.session(default=False)
 def weights(session: nox.Session) -> None:
-    """Train the shipped weights and the rows that they are compared with (after `pairs`); resumes after a kill."""
+    """Train the shipped weights (after `pairs`); resumes after a kill."""
     install(session)
     for row in WEIGHTS:
         finished = sorted(Path("runs/train").glob("*/weights.safetensors"), key=lambda path: path.stat().st_mtime)
@@ -211,7 +206,7 @@ def quality(session: nox.Session) -> None:
     """Measure the shipped weights: docs/results/quality.md (needs the captures); resumes after a kill.
 
     `-- heldout=test` measures the frozen test scenes, `-- heldout=converged_long` fits of 15,000 steps of validation
-    captures; `-- comparison=equal_budget` compares networks trained alike.
+    captures.
     """
     install(session)
     session.run("gaussian-enhancer", "quality", *session.posargs)

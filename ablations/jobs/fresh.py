@@ -7,12 +7,14 @@ where it also says "as shipped" and a shipped file has changed.
 
 import ast
 import json
+import re
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+import yaml
 from omegaconf import DictConfig
 
 from ablations.jobs.pages import ROOT
@@ -132,19 +134,20 @@ def _git(root: Path, *arguments: str) -> str | None:
 
 
 def _changed(root: Path, commit: str, specs: Sequence[str]) -> list[str]:
-    """Files that differ between a commit and the work tree; of Python modules, those whose program differs."""
+    """Files whose content differs between a commit and the work tree: see `CONTENTS`."""
     files = [line for line in (_git(root, "diff", "--name-only", commit, "--", *specs) or "").split("\n") if line]
-    return [file for file in files if not (file.endswith(".py") and _same_program(root, commit, file))]
+    return [file for file in files if not _same_content(root, commit, file)]
 
 
-def _same_program(root: Path, commit: str, file: str) -> bool:
-    """Whether a module differs from that of a commit in docstrings, comments and layout alone."""
-    before, path = _committed(root, commit, file), root / file
-    if before is None or not path.is_file():
+def _same_content(root: Path, commit: str, file: str) -> bool:
+    """Whether a file differs from that of a commit in docstrings, comments and layout alone."""
+    content, path = CONTENTS.get(Path(file).suffix), root / file
+    before = None if content is None else _committed(root, commit, file)
+    if content is None or before is None or not path.is_file():
         return False
     try:
-        return _program(before) == _program(path.read_text(encoding="utf-8"))
-    except SyntaxError:
+        return content(before) == content(path.read_text(encoding="utf-8"))
+    except (SyntaxError, yaml.YAMLError):
         return False
 
 
@@ -165,6 +168,15 @@ def _program(source: str) -> str:
 
 def _is_docstring(line: ast.stmt) -> bool:
     return isinstance(line, ast.Expr) and isinstance(line.value, ast.Constant) and isinstance(line.value.value, str)
+
+
+def _settings(source: str) -> tuple[list[str], object]:
+    """A configuration file without comments and layout, but with Hydra's header."""
+    return re.findall(r"^# *@package .*", source, re.MULTILINE), yaml.safe_load(source)
+
+
+CONTENTS: Mapping[str, Callable[[str], object]] = {".py": _program, ".yaml": _settings}
+"""What counts of a file, by the ending of its name; of other files every byte counts."""
 
 
 def run(cfg: DictConfig) -> None:

@@ -25,11 +25,10 @@ JOBS = (
     ("quality", "records_only=true"),
     ("quality", "heldout=test", "records_only=true"),
     ("quality", "heldout=converged_long", "records_only=true"),
-    ("quality", "comparison=equal_budget", "records_only=true"),
     ("plan_study", "records_only=true"),
     ("tradeoff", "records_only=true"),
     ("stability", "records_only=true"),
-    ("tables", "table=[all,budget,captures,mode]", f"scale={SCALE}", "records_only=true"),
+    ("tables", "table=[all,budget,captures,equal_budget,mode]", f"scale={SCALE}", "records_only=true"),
     ("peers", "records_only=true"),
     ("convergence", "records=docs/results/convergence.jsonl", "page=docs/results/convergence.md"),
     (

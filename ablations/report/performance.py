@@ -23,10 +23,11 @@ COMMAND, IMPORTS = "enhance", "import torch"
 """Processes whose start-up time is measured."""
 FAST = ("bfloat16", "bfloat16 weights")
 """Number types of networks that are compared with ours in bfloat16."""
-EQUAL_BUDGET = ("nafnet", "edvr", "paper", "sif", "lr_2500")
-"""Rows of docs/results/quality_equal_budget.md."""
+EQUAL_BUDGET = ("nafnet", "edvr", "paper", "sif", "ssif_lr")
+"""Rows of the table equal_budget."""
 SHIPPED = ("lr_tiny",)
 """Rows of docs/results/quality.md."""
+EQUAL_PAGE = "[equal budget](results/tables/desk/equal_budget.md)"
 MAKE = "nox -s bench"
 NOTHING = f"Not measured yet: `{MAKE}`.\n"
 
@@ -38,7 +39,7 @@ class PageRecords:
     Args:
         records: records of the job ``peers``.
         quality: records of the job ``quality`` on the shipped weights.
-        equal_budget: records of the job ``quality`` on networks that were trained alike.
+        equal_budget: records of the table equal_budget, on networks that were trained alike.
     """
 
     records: tuple[Record, ...] = ()
@@ -92,13 +93,13 @@ def number(value: float) -> str:
 
 
 def gains(sources: PageRecords) -> dict[str, float]:
-    """Mean gain in PSNR over the render by method, in dB, on the held-out views of the job ``quality``."""
+    """Mean gain in PSNR over the render by method, in dB, on the held-out views of its page."""
     gain_by_method = {}
-    for records, names in ((sources.equal_budget, EQUAL_BUDGET), (sources.quality, SHIPPED)):
+    for records, names, table in ((sources.equal_budget, EQUAL_BUDGET, ""), (sources.quality, SHIPPED, "lr/")):
         measured_variants = {record.variant for record in records if record.kind == "quality"}
         for name in names:
-            if {f"lr/{name}", "lr/raw"} <= measured_variants:
-                gain_by_method[name] = compare(pair_records(records, "lr/raw", f"lr/{name}"), "psnr").gain
+            if {f"{table}{name}", f"{table}raw"} <= measured_variants:
+                gain_by_method[name] = compare(pair_records(records, f"{table}raw", f"{table}{name}"), "psnr").gain
     return gain_by_method
 
 
@@ -164,10 +165,10 @@ def _peer_target(name: str, limit: float) -> Target:
 def _better_target(name: str) -> Target:
     def value(sources: PageRecords) -> float | None:
         gain_by_method = gains(sources)
-        return gain_by_method["lr_2500"] - gain_by_method[name] if {"lr_2500", name} <= set(gain_by_method) else None
+        return gain_by_method["ssif_lr"] - gain_by_method[name] if {"ssif_lr", name} <= set(gain_by_method) else None
 
     part = f"PSNR beyond `{name}` at equal budget"
-    return Target(part, 0.0, "dB", value, lambda _: "[equal budget](results/quality_equal_budget.md)", at_most=False)
+    return Target(part, 0.0, "dB", value, lambda _: EQUAL_PAGE, at_most=False)
 
 
 WIDTHS = "widths of the decoders"
@@ -338,10 +339,10 @@ def _cold_table(records: Sequence[Record]) -> str:
     return about.format(*records[0].size) + markdown(frame(("process", "ms"), lines))
 
 
-EQUAL = """Mean gain in PSNR over the render, over held-out frames. `nafnet`, `edvr`, `paper`, `sif` and `lr_2500` were
-trained on the same runs for the same 2,500 steps ([equal budget](results/quality_equal_budget.md)); `lr_tiny`
-means the weights of this name when [quality](results/quality.md) was measured, which learned for longer and from more
-fits. Time is that of the whole enhancement in bfloat16, so that methods that align pay for it.
+EQUAL = f"""Mean gain in PSNR over the render, over held-out frames. `nafnet`, `edvr`, `paper`, `sif` and `ssif_lr` were
+trained on the same runs for the same number of steps ({EQUAL_PAGE}); `lr_tiny`
+means the weights of this name when [quality](results/quality.md) was measured, on other scenes; they learned for longer
+and from more fits. Time is that of the whole enhancement in bfloat16, so that methods that align pay for it.
 
 """
 
@@ -352,7 +353,7 @@ def _quality(sources: PageRecords) -> str:
         return "Not measured yet: `nox -s quality`.\n"
     times = {record.variant: record.metrics[TIME] for record in sources.of(ENHANCEMENT) if record.splat == FAST[0]}
     measured = [record.variant for record in (*sources.equal_budget, *sources.quality)]
-    counts = {name: measured.count(f"lr/{name}") for name in gain_by_method}
+    counts = {name: measured.count(f"lr/{name}" if name in SHIPPED else name) for name in gain_by_method}
     lines = []
     for name, gain in gain_by_method.items():
         time = number(value) if (value := times.get(name)) else "not measured"

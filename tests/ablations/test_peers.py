@@ -229,9 +229,9 @@ def some_records() -> tuple[Record, ...]:
     )  # fmt: skip
 
 
-def quality(**psnr: float) -> tuple[Record, ...]:
+def quality(table: str = "lr/", **psnr: float) -> tuple[Record, ...]:
     return tuple(
-        Record("quality", "", "scene", "3dgs", f"{view}.png", f"lr/{name}", {"psnr": value + view})
+        Record("quality", "", "scene", "3dgs", f"{view}.png", f"{table}{name}", {"psnr": value + view})
         for name, value in psnr.items()
         for view in range(2)
     )
@@ -246,7 +246,7 @@ def test_the_page_states_verdicts_bounds_and_what_is_missing(tmp_path) -> None:
     tried = Record(TRIED, "", "", "kept", "less", "a copy less", {
         "before": 10.0, "after": 5.0, "times": 2.0, "times_low": 1.9, "times_high": 2.1,
     })  # fmt: skip
-    shipped, trained = quality(raw=20.0, lr_tiny=21.5), quality(raw=20.0, nafnet=20.5, lr_2500=21.0)
+    shipped, trained = quality(raw=20.0, lr_tiny=21.5), quality("", raw=20.0, nafnet=20.5, ssif_lr=21.0)
     sources = PageRecords((*some_records(), tried), shipped, trained)
     files = {name: tmp_path / f"results/{name}.jsonl" for name in PageRecords.FILES}
     page = performance_page(sources, files, tmp_path / "results/peers.svg", tmp_path / "page.md")
@@ -289,8 +289,8 @@ def test_a_card_is_named_where_one_was_measured(tmp_path) -> None:
 
 
 def test_gains_and_ratios_are_of_the_rows_that_are_there() -> None:
-    assert gains(PageRecords(equal_budget=quality(nafnet=20.0))) == {}
-    shipped, trained = quality(raw=21.0, lr_tiny=21.5), quality(raw=20.0, sif=21.25)
+    assert gains(PageRecords(equal_budget=quality("", nafnet=20.0))) == {}
+    shipped, trained = quality(raw=21.0, lr_tiny=21.5), quality("", raw=20.0, sif=21.25)
     assert gains(PageRecords(quality=shipped, equal_budget=trained)) == {"sif": 1.25, "lr_tiny": 0.5}
     assert times_ours(PageRecords(some_records()), "NAFNet-w32") == 14.0  # float32 is not what ours is measured in
     assert times_ours(PageRecords(some_records()), "Restormer") is None

@@ -78,6 +78,29 @@ def test_docstrings_comments_and_layout_do_not_count(repository: Path, source: s
     assert age(repository, PAGE).stale == counts
 
 
+RECIPE = "conf/recipe/lr.yaml"
+
+
+@pytest.mark.parametrize(
+    ("source", "counts"),
+    [
+        ("# @package _global_\n# Other words.\nsteps: 3  # why\n", False),
+        ("# @package _global_\nsteps: 4\n", True),
+        ("# Words.\nsteps: 3\n", True),
+        ("steps: [\n", True),
+    ],
+)
+def test_comments_of_configurations_do_not_count_but_their_header_does(
+    repository: Path, source: str, counts: bool
+) -> None:
+    (repository / RECIPE).parent.mkdir(parents=True)
+    (repository / RECIPE).write_text("# @package _global_\n# Words.\nsteps: 3\n")
+    (repository / "page.jsonl").write_text(json.dumps({"commit": _commit(repository)}) + "\n")
+    (repository / RECIPE).write_text(source)
+    page = CommittedPage("page.md", ("page.jsonl",), {"train": CFG.inputs["train"]})
+    assert age(repository, page).stale == counts
+
+
 def test_a_change_that_is_not_committed_counts(repository: Path) -> None:
     _changed(repository, NETWORK)
     assert age(repository, PAGE).stale
