@@ -17,8 +17,8 @@ from ablations.suite.evaluation import StudyCell
 from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.runs.instantiate import plain_values
 
-USUAL, UPSCALE = "usual", "finer"
-"""Names of the trainings that a scale describes: at the render's own resolution, and for super-resolution."""
+USUAL = "usual"
+"""The training of a method that names none, among those that a scale describes."""
 
 SHORT = {"lpips": "lpips_vgg_raw", "ms": "milliseconds", "gb": "peak_memory_mb"}
 """Our metric by the name in the paper's tables, where it differs; the paper's LPIPS is that of 3DGS."""

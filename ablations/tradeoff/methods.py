@@ -1,7 +1,6 @@
 """Prepares the settings of the job tradeoff: finds weights, builds enhancers, compiles networks once."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -10,11 +9,10 @@ from omegaconf import DictConfig, open_dict
 from torch import Tensor
 
 from ablations.study.description import MethodDescription, TableDescription
-from ablations.suite.descriptions import Experiment
+from ablations.suite.descriptions import USUAL, Experiment
 from ablations.suite.evaluation import compose_checked, with_plan
 from ablations.suite.method_runs import Runs
 from ablations.tradeoff.settings import NULL_NETWORKS, Setting
-from gaussian_enhancer.align.alignment import Unwarped
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.cli.enhance import load_enhancement
 from gaussian_enhancer.cli.train import naming_configuration
@@ -84,8 +82,6 @@ class SettingLoader:
         with open_dict(job):
             job.update({"weights": weights, "run": str(run)})
         enhancer, *_ = load_enhancement(job, self.device)
-        if setting.warp == "none":
-            enhancer.reference_config = replace(enhancer.reference_config, warp=Unwarped())
         if setting.compiled:
             if setting.name not in self._compiled:  # once: compiling takes a minute
                 enhancer.network.compile()
@@ -103,8 +99,8 @@ class SettingLoader:
 
 def _training(cfg: DictConfig, setting: Setting) -> Experiment:
     """An experiment with one trained method, so that its training has the digest that the suite uses."""
-    train = (*cfg.scale.trainings[setting.learns].train, *setting.train)
+    train = (*cfg.scale.trainings[USUAL].train, *setting.train)
     methods = {setting.name: MethodDescription(setting.name, train=train, role="")}
     seeds = tuple(cfg.scale.seeds[:1])
     table = TableDescription("tradeoff", "", "quality", "", methods, setting.name, (), (), {}, seeds)
-    return Experiment(table, (), {setting.name: setting.learns})
+    return Experiment(table, (), {setting.name: USUAL})

@@ -7,7 +7,6 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from ablations.suite.descriptions import UPSCALE, USUAL
 from ablations.suite.evaluation import StudyCell
 from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.network.baselines.bicubic import Bicubic
@@ -16,7 +15,7 @@ from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.runs.instantiate import plain_values
 
 NULL_NETWORKS: dict[str, Callable[[], Network]] = {"identity": Identity, "bicubic": Bicubic}
-KEYS = ("network", "weights", "train", "learns", "enhance", "warp", "upscale", "compiled", "only")
+KEYS = ("network", "weights", "train", "enhance", "upscale", "compiled", "only")
 
 
 @dataclass(frozen=True)
@@ -27,10 +26,8 @@ class Setting:
         name: "curve/setting".
         weights: shipped name or file of the weights; empty if ``network`` or ``train`` is given.
         network: one of `NULL_NETWORKS`, or empty.
-        train: overrides of the job train that makes the weights.
-        learns: name of the scale's training that they extend.
+        train: overrides of the job train that makes the weights, beside those of the scale's usual training.
         enhance: overrides of the job enhance.
-        warp: "none" leaves references unwarped, whatever the weights were trained with; else empty.
         upscale: upsample bicubically at the end.
         compiled: compile the network by torch.compile.
         only: the only device that this can be measured on; empty for any.
@@ -40,9 +37,7 @@ class Setting:
     weights: str = ""
     network: str = ""
     train: tuple[str, ...] = ()
-    learns: str = USUAL
     enhance: tuple[str, ...] = ()
-    warp: str = ""
     upscale: bool = False
     compiled: bool = False
     only: str = ""
@@ -55,15 +50,11 @@ class Setting:
             )
         if self.network and self.network not in NULL_NETWORKS:
             raise InputError(self.name, f"has network {self.network!r}", f"choose {', '.join(NULL_NETWORKS)}")
-        if self.warp not in ("", "none"):
-            raise InputError(self.name, f"has warp {self.warp!r}", "choose none, or leave it out")
-        if self.learns not in (USUAL, UPSCALE):
-            raise InputError(self.name, f"learns {self.learns!r}", f"choose {USUAL} or {UPSCALE}")
 
     @property
     def reproducible_by_enhance(self) -> bool:
         """Whether the job enhance can reproduce this setting with weights and overrides alone."""
-        return bool(self.weights) and not (self.warp or self.upscale or self.compiled)
+        return bool(self.weights) and not (self.upscale or self.compiled)
 
 
 @dataclass(frozen=True)

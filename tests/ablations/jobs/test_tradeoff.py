@@ -28,7 +28,6 @@ from support.tiny_suite import SUITE
 FASTEST_FIRST = {
     "raw/render": 1.0,
     "lr_tiny/0 references": 2.0,
-    "unwarped/2 references": 3.0,
     "planned/auto": 4.0,
     "lr_tiny/2 references": 5.0,
 }
@@ -81,7 +80,7 @@ def set_times(folder: Path) -> None:
 def test_every_setting_has_a_record_in_every_scene_or_says_why_not(made) -> None:
     records = records_of(made)
     scenes = {"validation/easy/object", "validation/hard/outdoor", "test/easy/object"}
-    present = {"raw/render", "lr_tiny/0 references", "lr_tiny/2 references", "unwarped/2 references", "planned/auto"}
+    present = {"raw/render", "lr_tiny/0 references", "lr_tiny/2 references", "planned/auto"}
     absent = {
         "half/float16": "is measured on cuda alone, and this device is cpu",
         "untrained/as trained": "is not made yet at scale tiny",
@@ -118,11 +117,6 @@ def test_errors_are_those_of_what_the_enhancer_makes_and_times_those_of_its_size
     (image,) = [one.image for one in EnhancementOptions().enhancer(found, config)(view)]
     assert two.metrics["psnr"] == pytest.approx(measure_pair(image, photo).metrics["psnr"], abs=1e-6)
     assert two.metrics["psnr"] > raw.metrics["psnr"]
-
-
-def test_references_that_stay_where_they_are_give_another_image(made) -> None:
-    psnr = {r.variant: r.metrics["psnr"] for r in records_of(made) if r.kind == "tradeoff" and "test" in r.scene}
-    assert psnr["lr/unwarped/2 references"] < psnr["lr/lr_tiny/2 references"]
 
 
 def test_the_page_names_fronts_choices_and_what_is_missing(made) -> None:
@@ -240,19 +234,28 @@ def test_the_desk_curves_are_readable_and_name_what_the_issue_asks_for() -> None
         lr = {one.name: one for one in studies["lr"].settings}
         assert {f"lr_tiny/{n} reference{'s' * (n != 1)}" for n in range(5)} <= set(lr)
         curves = {name.split("/")[0] for name in lr}
-        assert {"raw", "GE", "GE++", "paper mode", "NAFNet", "EDVR", "SIF, ours", "lr_tiny compiled"} <= curves
+        assert {
+            "raw",
+            "GE",
+            "GE++",
+            "super SIF, paper's choices",
+            "NAFNet",
+            "EDVR",
+            "SIF, ours",
+            "lr_tiny compiled",
+        } <= curves
         assert not {
             cell.scene for study in studies.values() for cell in study.cells if "seed=3000" in str(cell.fit)
         } & {cell.scene for study in studies.values() for cell in study.cells if "validation" in cell.scene}
         settings = [setting for study in studies.values() for setting in study.settings]
         for words in {setting.enhance for setting in settings}:
             compose("enhance", list(words))
-        for learns, words in {(setting.learns, setting.train) for setting in settings if setting.train}:
-            compose("train", [*cfg.scale.trainings[learns].train, *words])
+        for words in {setting.train for setting in settings if setting.train}:
+            compose("train", [*cfg.scale.trainings.usual.train, *words])
 
 
 def test_only_settings_that_a_command_can_ask_for_are_offered() -> None:
     assert Setting("a/b", weights="lr_tiny").reproducible_by_enhance
-    for odd in ({"warp": "none"}, {"compiled": True}, {"upscale": True}):
+    for odd in ({"compiled": True}, {"upscale": True}):
         assert not Setting("a/b", weights="lr_tiny", **odd).reproducible_by_enhance
     assert not Setting("a/b", network="identity").reproducible_by_enhance
