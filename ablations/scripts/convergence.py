@@ -3,7 +3,8 @@
 Every snapshot of the fits is enhanced and measured, frame by frame and block by block. A run is a folder of the job
 ``fit`` with several snapshots (``settings.snapshots``). New rows replace recorded rows of the same method, scene and
 step. Without methods, the page is made from the records alone. Blocks are 16x16 pixels; a block is harmed if it loses
-more than 0.5 dB. A peer and two controls are measured in the same way: ``ibgs``, ``average`` and ``two_fits``.
+more than 0.5 dB. A peer and two controls are measured in the same way: ``ibgs``, ``average`` and ``two_fits``;
+``two_fits:enhanced`` averages the enhanced views of both fits.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -95,7 +96,7 @@ def parse_method(method: str, device: torch.device | None = None) -> tuple[str, 
     return name, digest, enhancer
 
 
-OTHERS = ("ibgs", "ibgs:without_exposure", "average", "two_fits")
+OTHERS = ("ibgs", "ibgs:without_exposure", "average", "two_fits", "two_fits:enhanced")
 """Methods without weights of ours: a peer, and two controls."""
 
 
@@ -123,6 +124,9 @@ def _requested_method(cfg: DictConfig, method: str, device: torch.device | None)
         return "average of render and references", average()
     if method == "two_fits":
         return "average of two fits", two_fits(cfg.second)
+    if method == "two_fits:enhanced":
+        enhancer = load_enhancer("lr_tiny", EnhancementOptions(), device)[1]
+        return "average of two enhanced fits", two_fits(cfg.second, enhancer)
     if method in OTHERS:
         exposure = method == "ibgs"
         return "ibgs" if exposure else "ibgs without exposure", IBGS.from_patterns(cfg.ibgs, exposure)

@@ -3,8 +3,8 @@
 Axes: b batch, r references, h height, w width.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
@@ -19,9 +19,11 @@ from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
+from gaussian_enhancer.infer.plan import AUTO
+from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.network.network import Network
-from gaussian_enhancer.scene.rendered import RenderedView
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_run, run_steps
 from gaussian_enhancer.types import NetworkInput
 
@@ -77,14 +79,18 @@ def average() -> Method:
 
 
 @dataclass(frozen=True)
-class RenderAverage:
-    """The average of a view's render and that of another fit of the same scene.
+class FitAverage:
+    """The average of two fits of a scene: of their renders of a view, or of their enhanced views.
 
     Args:
-        views: of the other fit, by name.
+        first: the fit that is measured.
+        second: the other fit.
+        enhancer: enhances the views of both; None averages the renders.
     """
 
-    views: Mapping[str, RenderedView]
+    first: RenderedSet
+    second: RenderedSet
+    enhancer: SetEnhancer | None = None
 
     def __call__(self, view: RenderedView, target: LoadedView, pool: ReferencePool) -> Float[Tensor, "3 h w"]:
         """The average.
@@ -97,23 +103,31 @@ class RenderAverage:
         Raises:
             InputError: the other fit lacks the view, or rendered it at another size.
         """
-        other_view = self.views.get(view.name)
-        if other_view is None or other_view.read is None:
-            raise InputError(view.name, "was not held out by the second fit", "give a fit with the same split")
-        image = other_view.read()
-        if image.shape != target.image.shape:
-            sizes = [f"{tensor.shape[-1]}x{tensor.shape[-2]}" for tensor in (image, target.image)]
+        first, second = (self._image(rendered, view.name) for rendered in (self.first, self.second))
+        if first.shape != second.shape:
+            sizes = [f"{image.shape[-1]}x{image.shape[-2]}" for image in (second, first)]
             raise InputError(view.name, f"is {sizes[0]} in the second fit, {sizes[1]} in the first", "fit both alike")
-        return (target.image + image) / 2
+        return (first + second) / 2
+
+    def _image(self, rendered: RenderedSet, name: str) -> Float[Tensor, "3 _ _"]:
+        """The render of a view, or the enhanced view."""
+        view = next((view for view in rendered.targets if view.name == name), None)
+        if view is None or view.read is None:
+            raise InputError(name, "was not held out by the second fit", "give a fit with the same split")
+        if self.enhancer is None:
+            return view.read()
+        planner = Planner(AUTO, self.enhancer.reference_config, rendered)
+        return next(self.enhancer(replace(rendered, targets=(view,)), planner)).image
 
 
-def two_fits(patterns: Sequence[str]) -> Method:
-    """The average of the renders of two fits of a scene, at the same step.
+def two_fits(patterns: Sequence[str], enhancer: SetEnhancer | None = None) -> Method:
+    """The average of the renders of two fits of a scene, or of their enhanced views, at the same step.
 
     The method refuses a step at which its scene has no second fit with the same held-out views.
 
     Args:
         patterns: folders of the second fits; may contain ``*``.
+        enhancer: enhances the views of both fits; None averages the renders.
 
     Raises:
         InputError: there is none, or two are of one scene.
@@ -129,10 +143,10 @@ def two_fits(patterns: Sequence[str]) -> Method:
             raise InputError("second", f"names no other fit of {scene} than {fit}", "give one, or leave two_fits out")
         if step not in run_steps(second_fit):
             raise InputError(second_fit, f"has no renders of step {step}", "fit both with the same snapshots")
-        views = {view.name: view for view in read_run(second_fit, step).targets}
-        missing_views = sorted({view.name for view in read_run(fit, step).targets} - set(views))
+        first, second = read_run(fit, step), read_run(second_fit, step)
+        missing_views = sorted({view.name for view in first.targets} - {view.name for view in second.targets})
         if missing_views:
             raise InputError(second_fit, f"did not hold out {missing_views[0]}", "give a fit with the same split")
-        return second_fit.resolve().name, RenderAverage(views)
+        return second_fit.resolve().name, FitAverage(first, second, enhancer)
 
     return method

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos, high_re
 from gaussian_enhancer.runs.inputs import InputPaths, refuse_input_folder
 from gaussian_enhancer.runs.output import write_enhanced
 from gaussian_enhancer.runs.runtime import choose_device
+from gaussian_enhancer.runs.second_splat import averaged_with, first_form, refuse_other_views
 from gaussian_enhancer.scene.capture import open_capture
 from gaussian_enhancer.scene.high_resolution import attach_fine_photos
 from gaussian_enhancer.scene.rendered import RenderedSet
@@ -40,6 +42,7 @@ def enhance_folder(
     run: str | Path | None = None,
     step: int | None = None,
     gaussians: str | Path | None = None,
+    second: str | Path | None = None,
     scene: str | Path | Scene | None = None,
     downscale: int | float = 1,
     method: str = "auto",
@@ -65,6 +68,8 @@ def enhance_folder(
         run: folder of a fitted run, this project's or original 3DGS output.
         step: for a run: the training step whose renders are enhanced; None selects the latest.
         gaussians: file of a splat.
+        second: another splat of the same capture, a folder beside ``run`` or a file beside ``gaussians``. The enhanced
+            views of both are averaged, which gains more and takes twice as long.
         scene: the capture: its folder (COLMAP, nerfstudio, NeRF-Synthetic, OpenSfM), or an opened `Scene`.
         downscale: for a capture's folder: factor by which width and height of its photos are divided.
         method: for a splat: rendering method, "auto", "3dgs", "2dgs" or "mip_splatting".
@@ -117,6 +122,13 @@ def enhance_folder(
     for reason in filter(None, (task.note, *reasons)):
         warnings.warn(reason, stacklevel=2)
     images = enhancer(task.rendered, planner, validated.pool)
+    if second is not None:
+        is_run = first_form(run, gaussians) == "run"
+        second_paths = replace(paths, run=second) if is_run else replace(paths, gaussians=second)
+        second_task = second_paths.read(target_device.type, pretrained.reference_config.fine)
+        refuse_other_views(task.rendered, second_task.rendered)
+        prepared = prepare_enhancement(pretrained, second_task, settings, target_device)
+        images = averaged_with(images, prepared, settings.rules)
     enhanced = write_enhanced(images, Path(output), task.rendered, enhancer.network.scale)
     return tuple(Path(output) / view.name for view in enhanced)
 

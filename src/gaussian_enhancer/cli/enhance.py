@@ -5,15 +5,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import torch
 from omegaconf import DictConfig
 from rich.console import Console
 from rich.progress import track
 
 from gaussian_enhancer.console import hides_progress, print_line
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.enhancer import EnhancedView
+from gaussian_enhancer.infer.enhancer import EnhancedView, SetEnhancer
 from gaussian_enhancer.infer.plan import Plan
 from gaussian_enhancer.infer.preload import validation_reads
+from gaussian_enhancer.infer.validated_inputs import ValidatedInputs
 from gaussian_enhancer.metrics.records import write_records
 from gaussian_enhancer.runs.compose import compose_job
 from gaussian_enhancer.runs.enhancement import (
@@ -29,6 +31,7 @@ from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.output import cost_records, remove_other_files, write_enhanced, write_sources
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.runs.second_splat import averaged_with, refuse_other_views, second_configuration
 from gaussian_enhancer.runs.status import track_runs
 from gaussian_enhancer.runs.time_budget import apply_budget
 
@@ -62,11 +65,13 @@ def run(cfg: DictConfig) -> float | None:
     """
     console = Console(stderr=True)
     count, device = process_count(cfg), start(cfg.runtime)
+    second_cfg = None if cfg.second is None else second_configuration(cfg)
     if cfg.distil:
         load_options(cfg, device)
         cfg = _with_distilled_splat(cfg)
     cfg = apply_budget(cfg, load_enhancement, device, console)
     enhancer, task, validated = load_enhancement(cfg, device)
+    second = None if second_cfg is None else _load_second(second_cfg, task, device)
     rules = build(cfg.plan)
     planner = validated.planner(rules)
     progress_hidden = hides_progress(cfg, console)
@@ -77,7 +82,8 @@ def run(cfg: DictConfig) -> float | None:
     notes = validated.missing_references if rules.full and not cfg.dry_run else (plan.table(),)
     for line in filter(None, (task.note, *notes)):
         print_line(Console() if cfg.dry_run else console, line)
-    for warning in (*mismatch_warnings(validated), *lost_references(enhancer, task, validated)):
+    warnings = *mismatch_warnings(validated), *lost_references(enhancer, task, validated)
+    for warning in (*warnings, *(() if second is None else mismatch_warnings(second[2]))):
         console.print(f"WARNING: {warning}", style="bold red", highlight=False, soft_wrap=True, markup=False)
     if cfg.dry_run:
         return None
@@ -89,12 +95,30 @@ def run(cfg: DictConfig) -> float | None:
 
             return enhance_in_processes(folder, plan, cfg, enhancer.device.type, min(count, total))
         images = enhancer(task.rendered, planner, validated.pool)
+        if second is not None:
+            images = averaged_with(images, second, rules)
         tracked = track(images, "enhancing", total=total, console=console, disable=progress_hidden)
         return write_enhanced(tracked, folder, task.rendered, enhancer.network.scale)
 
     if cfg.output:
         return _print_summary(write_enhanced_to(Path(cfg.output)), Path(cfg.output), console)
     return _print_summary(*_write_run(cfg, task, plan, enhancer.network.scale, write_enhanced_to), console)
+
+
+def _load_second(cfg: DictConfig, first: Task, device: torch.device) -> tuple[SetEnhancer, Task, ValidatedInputs]:
+    """Load the enhancement of the second splat.
+
+    Args:
+        cfg: what `second_configuration` returns.
+        first: the task of the first splat.
+        device: device of the network.
+
+    Raises:
+        InputError: the splat cannot be read, or its views are not those of the first.
+    """
+    second = load_enhancement(cfg, device)
+    refuse_other_views(first.rendered, second[1].rendered)
+    return second
 
 
 def _write_run(

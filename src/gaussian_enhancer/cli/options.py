@@ -127,6 +127,7 @@ class Enhance(Enhancing):
 
     plan: Group
     distil: bool
+    second: PathText | None
     dry_run: bool
     step: NonNegativeInt | None
     every: Count

@@ -6,8 +6,11 @@ import pytest
 import torch
 
 from ablations.study.enhanced_views import enhanced_views
-from ablations.study.methods import Average, average, name_of, two_fits
+from ablations.study.methods import Average, average, load_enhancer, name_of, two_fits
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.options import EnhancementOptions
+from gaussian_enhancer.infer.plan import AUTO
+from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.metrics.records import Record, write_records
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.types import NetworkInput
@@ -55,6 +58,16 @@ def test_two_fits_are_averaged(tmp_path):
     for one, other in zip(enhanced_views(read_run(first), {"two": enhancer}), others, strict=True):
         assert torch.equal(one.results["two"].image, (one.render + other.read()) / 2)
         assert one.results["two"].aligned.names == ()
+
+
+def test_enhanced_views_of_two_fits_are_averaged(tmp_path):
+    first, second = fit_of(tmp_path / "a"), fit_of(tmp_path / "b", seed=1)
+    shipped = load_enhancer("lr_tiny", EnhancementOptions(), None)[1]
+    _, both = two_fits([str(second)], shipped)(first, 100)
+    sets = read_run(first), read_run(second)
+    each = [[view.image for view in shipped(one, Planner(AUTO, shipped.reference_config, one))] for one in sets]
+    for view, images in zip(enhanced_views(sets[0], {"two": both}), zip(*each, strict=True), strict=True):
+        torch.testing.assert_close(view.results["two"].image, sum(images) / 2, atol=1e-6, rtol=0)
 
 
 def test_second_fits_that_do_not_match_are_refused(tmp_path):
