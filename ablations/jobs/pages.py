@@ -38,6 +38,13 @@ JOBS = (
         "records=docs/results/same_fits.jsonl",
         "page=docs/results/same_fits.md",
     ),
+    (
+        "convergence",
+        "row_table=two_fits",
+        "last=true",
+        "records=docs/results/two_fits.jsonl",
+        "page=docs/results/two_fits.md",
+    ),
     ("leave_one_out", "records=docs/results/leave_one_out.jsonl", "page=docs/results/leave_one_out.md"),
     ("distil_study", "records=docs/results/distil.jsonl", "page=docs/results/distil.md"),
 )
