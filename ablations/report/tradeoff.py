@@ -57,8 +57,6 @@ HEAD = """# Error against run time
 After the work-precision diagrams of the ODE community: every method at several settings, one axis the error, the other
 the run time, both logarithmic, taken in one run and in turn. Lower left is better. The grey staircase is the Pareto
 front, and its settings are ringed: nothing else is at once faster and closer. Made from records by
-`gaussian-enhancer tradeoff`. Records of 22 November 2026 and before measure earlier weights of the names `lr_tiny` and
-`sr_tiny`, without their confidence and with one enhancement; `lr_base` and `sr_base` are no longer shipped
-([weights](../weights.md)).
+`gaussian-enhancer tradeoff`.
 """
 KINDS = {"quality": "Enhancement", "training": "Training", "numerics": "Numerics"}
