@@ -57,6 +57,8 @@ def test_other_views_are_refused(plane_run, other_plane_run) -> None:
     refuse_other_views(first, second)
     with pytest.raises(InputError, match=r"has other views than the first splat, view_004\.png"):
         refuse_other_views(first, replace(second, targets=second.targets[:1]))
+    with pytest.raises(InputError, match="than the first splat, in another order"):
+        refuse_other_views(first, replace(second, targets=second.targets[::-1]))
     moved = replace(second.targets[0], camera=second.references[0].camera)
     with pytest.raises(InputError, match=r"has another camera for view_000\.png"):
         refuse_other_views(first, replace(second, targets=(moved, *second.targets[1:])))
@@ -82,3 +84,10 @@ def test_what_is_for_one_splat_is_refused(overrides, text) -> None:
 def test_the_second_splat_takes_the_place_of_the_first(form) -> None:
     second = second_configuration(configured(f"{form}=a", "second=b"))
     assert (second[form], second.second) == ("b", None)
+
+
+def test_a_second_splat_beside_a_folder_of_renders_is_refused_in_python(plane_run, other_plane_run, tmp_path) -> None:
+    renders = plane_run / "test/ours_100/renders"
+    with pytest.raises(InputError, match="second: comes without a first splat"):
+        enhance_folder(renders=renders, second=other_plane_run, output=tmp_path / "none", device="cpu")
+    assert not (tmp_path / "none").exists()

@@ -92,6 +92,7 @@ def enhance_folder(
     """
     if Path(output).is_file():
         raise InputError(output, "cannot be written: it is a file", "name a folder")
+    form = None if second is None else first_form(run, gaussians)
     target_device: torch.device = choose_device("auto" if device is None else device)
     settings, pretrained = EnhancementOptions.of(**options), load_weights(weights)
     capture = open_capture(scene, downscale=downscale) if isinstance(scene, str | Path) else scene
@@ -123,8 +124,7 @@ def enhance_folder(
         warnings.warn(reason, stacklevel=2)
     images = enhancer(task.rendered, planner, validated.pool)
     if second is not None:
-        is_run = first_form(run, gaussians) == "run"
-        second_paths = replace(paths, run=second) if is_run else replace(paths, gaussians=second)
+        second_paths = replace(paths, run=second) if form == "run" else replace(paths, gaussians=second)
         second_task = second_paths.read(target_device.type, pretrained.reference_config.fine)
         refuse_other_views(task.rendered, second_task.rendered)
         prepared = prepare_enhancement(pretrained, second_task, settings, target_device)

@@ -57,12 +57,12 @@ def refuse_other_views(first: RenderedSet, second: RenderedSet) -> None:
         second: those of the second one.
 
     Raises:
-        InputError: number, names or cameras of the targets differ.
+        InputError: number, names, order or cameras of the targets differ.
     """
     names = [tuple(view.name for view in rendered.targets) for rendered in (first, second)]
     if names[0] != names[1]:
-        other = sorted(set(names[0]) ^ set(names[1]))
-        raise InputError("second", f"has other views than the first splat, {other[0]}", "fit both with the same split")
+        other = min(set(names[0]) ^ set(names[1]), default="in another order")
+        raise InputError("second", f"has other views than the first splat, {other}", "fit both with the same split")
     for one, other_view in zip(first.targets, second.targets, strict=True):
         if not _same_camera(one.camera, other_view.camera):
             raise InputError("second", f"has another camera for {one.name}", "give two splats of one capture")
