@@ -31,7 +31,8 @@ def second_configuration(cfg: DictConfig) -> DictConfig:
     """
     form = first_form(cfg.run, cfg.gaussians)
     single = {"distil": cfg.distil, "budget_ms": cfg.budget_ms, "runtime.processes": cfg.runtime.processes > 1}
-    for name in (name for name, value in single.items() if value):
+    name = next((name for name, value in single.items() if value), None)
+    if name is not None:
         raise InputError("second", f"comes with {name}, which is for one splat", f"leave out {name} or second")
     second = cfg.copy()
     second.update({form: str(cfg.second), "second": None})
