@@ -4,7 +4,7 @@ Every snapshot of the fits is enhanced and measured, frame by frame and block by
 ``fit`` with several snapshots (``settings.snapshots``). New rows replace recorded rows of the same method, scene and
 step. Without methods, the page is made from the records alone. Blocks are 16x16 pixels; a block is harmed if it loses
 more than 0.5 dB. A peer and two controls are measured in the same way: ``ibgs``, ``average`` and ``two_fits``;
-``two_fits:enhanced`` averages the enhanced views of both fits.
+``two_fits:enhanced`` averages the views of both fits, enhanced by ``lr_tiny``.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -97,7 +97,7 @@ def parse_method(method: str, device: torch.device | None = None) -> tuple[str, 
 
 
 OTHERS = ("ibgs", "ibgs:without_exposure", "average", "two_fits", "two_fits:enhanced")
-"""Methods without weights of ours: a peer, and two controls."""
+"""Methods that are not given by weights: a peer, two controls, and the average of two fits enhanced by `lr_tiny`."""
 
 
 def requested_methods(cfg: DictConfig, device: torch.device | None = None) -> dict[str, Method]:

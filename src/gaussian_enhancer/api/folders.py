@@ -69,7 +69,7 @@ def enhance_folder(
         step: for a run: the training step whose renders are enhanced; None selects the latest.
         gaussians: file of a splat.
         second: another splat of the same capture, a folder beside ``run`` or a file beside ``gaussians``. The enhanced
-            views of both are averaged, which gains more and takes twice as long.
+            views of both are averaged, which takes twice as long.
         scene: the capture: its folder (COLMAP, nerfstudio, NeRF-Synthetic, OpenSfM), or an opened `Scene`.
         downscale: for a capture's folder: factor by which width and height of its photos are divided.
         method: for a splat: rendering method, "auto", "3dgs", "2dgs" or "mip_splatting".
