@@ -4,7 +4,8 @@ Every snapshot of the fits is enhanced and measured, frame by frame and block by
 ``fit`` with several snapshots (``settings.snapshots``). New rows replace recorded rows of the same method, scene and
 step. Without methods, the page is made from the records alone. Blocks are 16x16 pixels; a block is harmed if it loses
 more than 0.5 dB. A peer and two controls are measured in the same way: ``ibgs``, ``average`` and ``two_fits``;
-``two_fits:enhanced`` averages the views of both fits, enhanced by ``lr_tiny``.
+``two_fits:enhanced`` averages the views of both fits, enhanced by ``lr_tiny``. ``two_steps`` combines views enhanced by
+``lr_tiny`` with those of an earlier step, as the job ``enhance`` does by default.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,7 +25,7 @@ from ablations.scripts.before_after import DESCRIPTION, Compared, harmed_block, 
 from ablations.study.engine import Study, job
 from ablations.study.enhanced_views import MeasuredView, enhanced_views
 from ablations.study.fits import finished_fits, fits_by_scene, scene_of
-from ablations.study.methods import Method, average, load_enhancer, name_of, two_fits
+from ablations.study.methods import Method, average, load_enhancer, name_of, two_fits, two_steps
 from ablations.study.plots import STYLE
 from ablations.study.roles import ROLES, role_of, with_roles
 from ablations.study.row_table import TableLayout, section_tables
@@ -96,8 +97,8 @@ def parse_method(method: str, device: torch.device | None = None) -> tuple[str, 
     return name, digest, enhancer
 
 
-OTHERS = ("ibgs", "ibgs:without_exposure", "average", "two_fits", "two_fits:enhanced")
-"""Methods that are not given by weights: a peer, two controls, and the average of two fits enhanced by `lr_tiny`."""
+OTHERS = ("ibgs", "ibgs:without_exposure", "average", "two_fits", "two_fits:enhanced", "two_steps")
+"""Methods that are not given by weights: a peer, two controls, and two fits and two steps enhanced by `lr_tiny`."""
 
 
 def requested_methods(cfg: DictConfig, device: torch.device | None = None) -> dict[str, Method]:
@@ -127,6 +128,8 @@ def _requested_method(cfg: DictConfig, method: str, device: torch.device | None)
     if method == "two_fits:enhanced":
         enhancer = load_enhancer("lr_tiny", EnhancementOptions(), device)[1]
         return "average of two enhanced fits", two_fits(cfg.second, enhancer)
+    if method == "two_steps":
+        return "lr_tiny two steps", two_steps("lr_tiny", device)
     if method in OTHERS:
         exposure = method == "ibgs"
         return "ibgs" if exposure else "ibgs without exposure", IBGS.from_patterns(cfg.ibgs, exposure)

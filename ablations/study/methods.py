@@ -17,12 +17,14 @@ from gaussian_enhancer.align.alignment import LoadedView
 from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.earlier_step import combine_with_earlier
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.plan import AUTO
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.network.network import Network
+from gaussian_enhancer.runs.earlier_step import choose_earlier_step
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_run, run_steps
 from gaussian_enhancer.types import NetworkInput
@@ -103,21 +105,79 @@ class FitAverage:
         Raises:
             InputError: the other fit lacks the view, or rendered it at another size.
         """
-        first, second = (self._image(rendered, view.name) for rendered in (self.first, self.second))
+        first, second = (_image(rendered, view.name, self.enhancer) for rendered in (self.first, self.second))
         if first.shape != second.shape:
             sizes = [f"{image.shape[-1]}x{image.shape[-2]}" for image in (second, first)]
             raise InputError(view.name, f"is {sizes[0]} in the second fit, {sizes[1]} in the first", "fit both alike")
         return (first + second) / 2
 
-    def _image(self, rendered: RenderedSet, name: str) -> Float[Tensor, "3 _ _"]:
-        """The render of a view, or the enhanced view."""
-        view = next((view for view in rendered.targets if view.name == name), None)
-        if view is None or view.read is None:
-            raise InputError(name, "was not held out by the second fit", "give a fit with the same split")
-        if self.enhancer is None:
-            return view.read()
-        planner = Planner(AUTO, self.enhancer.reference_config, rendered)
-        return next(self.enhancer(replace(rendered, targets=(view,)), planner)).image
+
+@dataclass(frozen=True)
+class TwoSteps:
+    """Enhanced views of a step of a fit, combined with those of an earlier step, as the job enhance does by default.
+
+    Args:
+        last: the step that is measured.
+        earlier: the earlier step.
+        enhancer: enhances the views of the step that is measured.
+        one_pass: enhances the views of the earlier step.
+    """
+
+    last: RenderedSet
+    earlier: RenderedSet
+    enhancer: SetEnhancer
+    one_pass: SetEnhancer
+
+    def __call__(self, view: RenderedView, target: LoadedView, pool: ReferencePool) -> Float[Tensor, "3 h w"]:
+        """The combined view.
+
+        Args:
+            view: the target.
+            target: its pixels.
+            pool: unused.
+
+        Raises:
+            InputError: the earlier step lacks the view.
+        """
+        enhanced = _image(self.last, view.name, self.enhancer), _image(self.earlier, view.name, self.one_pass)
+        return combine_with_earlier(*enhanced, target.image, _image(self.earlier, view.name))
+
+
+def _image(rendered: RenderedSet, name: str, enhancer: SetEnhancer | None = None) -> Float[Tensor, "3 _ _"]:
+    """The render of a view, or the enhanced view.
+
+    Raises:
+        InputError: the set lacks the view.
+    """
+    view = next((view for view in rendered.targets if view.name == name), None)
+    if view is None or view.read is None:
+        raise InputError(name, "was not held out by the second fit", "give a fit with the same split")
+    if enhancer is None:
+        return view.read()
+    planner = Planner(AUTO, enhancer.reference_config, rendered)
+    return next(enhancer(replace(rendered, targets=(view,)), planner)).image
+
+
+def two_steps(weights: str, device: torch.device | None) -> Method:
+    """A step of a fit enhanced with the earlier step that the job enhance chooses, or alone where it chooses none.
+
+    Args:
+        weights: shipped name or file.
+        device: where the network runs; None is the processor.
+
+    Raises:
+        InputError: the weights cannot be used.
+    """
+    digest, enhancer = load_enhancer(weights, EnhancementOptions(), device)
+    _, one_pass = load_enhancer(weights, EnhancementOptions(ensemble=False), device)
+
+    def method(fit: Path, step: int) -> Applied:
+        earlier = choose_earlier_step("auto", fit, step, {})
+        if earlier is None:
+            return digest, enhancer
+        return digest, TwoSteps(read_run(fit, step), read_run(fit, earlier), enhancer, one_pass)
+
+    return method
 
 
 def two_fits(patterns: Sequence[str], enhancer: SetEnhancer | None = None) -> Method:

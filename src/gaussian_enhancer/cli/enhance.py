@@ -18,6 +18,7 @@ from gaussian_enhancer.infer.preload import validation_reads
 from gaussian_enhancer.infer.validated_inputs import ValidatedInputs
 from gaussian_enhancer.metrics.records import write_records
 from gaussian_enhancer.runs.compose import compose_job
+from gaussian_enhancer.runs.earlier_step import combined_with_earlier, earlier_configuration, resolve_earlier_step
 from gaussian_enhancer.runs.enhancement import (
     load_enhancement,
     load_options,
@@ -66,12 +67,14 @@ def run(cfg: DictConfig) -> float | None:
     console = Console(stderr=True)
     count, device = process_count(cfg), start(cfg.runtime)
     second_cfg = None if cfg.second is None else second_configuration(cfg)
+    cfg = resolve_earlier_step(cfg)
     if cfg.distil:
         load_options(cfg, device)
         cfg = _with_distilled_splat(cfg)
     cfg = apply_budget(cfg, load_enhancement, device, console)
     enhancer, task, validated = load_enhancement(cfg, device)
     second = None if second_cfg is None else _load_second(second_cfg, task, device)
+    earlier = None if cfg.earlier_step is None else _load_second(earlier_configuration(cfg), task, device)
     rules = build(cfg.plan)
     planner = validated.planner(rules)
     progress_hidden = hides_progress(cfg, console)
@@ -80,7 +83,8 @@ def run(cfg: DictConfig) -> float | None:
         read_file()
     plan = Plan(task.rendered.name, rules, validated.parts, () if planner is None else tuple(planner.plans.values()))
     notes = validated.missing_references if rules.full and not cfg.dry_run else (plan.table(),)
-    for line in filter(None, (task.note, *notes)):
+    earlier_note = f"The renders of step {cfg.earlier_step} are used as well (earlier_step=null leaves them out)."
+    for line in filter(None, (task.note, *notes, *(() if earlier is None else (earlier_note,)))):
         print_line(Console() if cfg.dry_run else console, line)
     warnings = *mismatch_warnings(validated), *lost_references(enhancer, task, validated)
     for warning in (*warnings, *(() if second is None else mismatch_warnings(second[2]))):
@@ -97,6 +101,8 @@ def run(cfg: DictConfig) -> float | None:
         images = enhancer(task.rendered, planner, validated.pool)
         if second is not None:
             images = averaged_with(images, second, rules)
+        if earlier is not None:
+            images = combined_with_earlier(images, task.rendered, earlier, rules)
         tracked = track(images, "enhancing", total=total, console=console, disable=progress_hidden)
         return write_enhanced(tracked, folder, task.rendered, enhancer.network.scale)
 
@@ -106,10 +112,10 @@ def run(cfg: DictConfig) -> float | None:
 
 
 def _load_second(cfg: DictConfig, first: Task, device: torch.device) -> tuple[SetEnhancer, Task, ValidatedInputs]:
-    """Load the enhancement of the second splat.
+    """Load the enhancement of the second splat, or of an earlier step.
 
     Args:
-        cfg: what `second_configuration` returns.
+        cfg: what `second_configuration` or `earlier_configuration` returns.
         first: the task of the first splat.
         device: device of the network.
 

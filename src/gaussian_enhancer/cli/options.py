@@ -6,7 +6,7 @@ Groups (scene, splat, fusion, ...) are checked against the signatures of the obj
 import os
 from collections.abc import Mapping
 from importlib import import_module
-from typing import Annotated, Any, NotRequired, get_type_hints
+from typing import Annotated, Any, Literal, NotRequired, get_type_hints
 
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -128,6 +128,7 @@ class Enhance(Enhancing):
     plan: Group
     distil: bool
     second: PathText | None
+    earlier_step: NonNegativeInt | Literal["auto"] | None
     dry_run: bool
     step: NonNegativeInt | None
     every: Count

@@ -13,6 +13,7 @@ from gaussian_enhancer.cli.measure import write_measurement
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.runs import status
+from gaussian_enhancer.runs.earlier_step import resolve_earlier_step
 from gaussian_enhancer.runs.run import Run, find_run
 
 
@@ -48,6 +49,7 @@ def enhance_run(job: DictConfig) -> Path:
     Raises:
         InputError: the weights do not exist or cannot be used.
     """
+    job = resolve_earlier_step(job)
     naming_configuration = enhance.naming_configuration(job)
     existing = find_run(naming_configuration, "enhance")
     if existing is None or not existing.done:

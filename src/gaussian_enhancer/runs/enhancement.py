@@ -190,8 +190,8 @@ def naming_configuration(cfg: DictConfig) -> DictConfig:
     """Configuration that names the run's folder: without keys that change no image.
 
     Removed are a plan that leaves nothing out, an unset time budget, an unset temporal smoothing, an unset
-    distillation, an unset second splat, and the recovery of geometry where the input is a run or a splat, which have
-    their own. The digest of the weights is added, so that a file with new content leads to a new run.
+    distillation, an unset second splat, no earlier step, and the recovery of geometry where the input is a run or a
+    splat, which have their own. The digest of the weights is added, so that a file with new content leads to a new run.
 
     Args:
         cfg: configuration of the job ``enhance`` or ``video``.
@@ -203,7 +203,8 @@ def naming_configuration(cfg: DictConfig) -> DictConfig:
     with open_dict(configuration):
         configuration.weights_digest = checkpoint_digest(find_checkpoint(cfg.weights))
         idle_keys = ["dry_run"]
-        idle_keys += [name for name in ("budget_ms", "temporal_smoothing", "distil", "second") if not cfg.get(name)]
+        options = "budget_ms", "temporal_smoothing", "distil", "second", "earlier_step"
+        idle_keys += [name for name in options if not cfg.get(name)]
         if build(cfg.plan).full:
             idle_keys.append("plan")
         if cfg.get("recover_geometry") and cfg.get("renders") is None:
