@@ -1,6 +1,7 @@
 """An earlier step of a run is chosen, enhanced as well and combined; what is for one step leaves it out."""
 
 import pytest
+from PIL import Image
 
 from gaussian_enhancer import enhance_folder
 from gaussian_enhancer.cli.enhance import run
@@ -16,13 +17,18 @@ from gaussian_enhancer.scene.photos import read_photo
 from support.job_config import job_config
 from support.synthetic_runs import write_plane_run
 
-STEPS = 500, 1500, 4000, 9000
+STEPS = 1500, 4000, 9000, 16000
 
 
 @pytest.fixture(scope="module")
 def long_run(tmp_path_factory):
-    """A run with renders of four steps; not to be written into."""
-    return write_plane_run(tmp_path_factory.mktemp("runs") / "plane-long", steps=STEPS)
+    """A run with renders of four steps, the last of which shows a floater; not to be written into."""
+    folder = write_plane_run(tmp_path_factory.mktemp("runs") / "plane-long", steps=STEPS)
+    for path in (folder / "test/ours_16000/renders").iterdir():
+        render = Image.open(path).convert("RGB")
+        render.paste((90, 90, 90), (24, 12, 40, 30))
+        render.save(path)
+    return folder
 
 
 def configured(*overrides: str):
@@ -32,11 +38,11 @@ def configured(*overrides: str):
 @pytest.mark.parametrize(
     ("earlier", "step", "chosen"),
     [
-        ("auto", None, 1500),
-        ("auto", 4000, 1500),
-        ("auto", 1500, None),
-        (500, None, 500),
-        (4000, None, 4000),
+        ("auto", None, 4000),
+        ("auto", 9000, 4000),
+        ("auto", 4000, None),
+        (1500, None, 1500),
+        (9000, None, 9000),
         (None, None, None),
     ],
 )
@@ -49,23 +55,23 @@ def test_a_run_without_old_renders_uses_none(plane_run) -> None:
 
 
 def test_a_step_without_renders_of_training_views_is_not_used(tmp_path) -> None:
-    folder = write_plane_run(tmp_path / "plane", steps=(2000, 9000))
-    (folder / "train/ours_2000").rename(tmp_path / "elsewhere")
+    folder = write_plane_run(tmp_path / "plane", steps=(4000, 9000))
+    (folder / "train/ours_4000").rename(tmp_path / "elsewhere")
     assert choose_earlier_step("auto", folder, None, {}) is None
-    with pytest.raises(InputError, match="earlier_step: is 2000"):
-        choose_earlier_step(2000, folder, None, {})
+    with pytest.raises(InputError, match="earlier_step: is 4000"):
+        choose_earlier_step(4000, folder, None, {})
 
 
-@pytest.mark.parametrize("earlier", [9000, 4000, 1000])
+@pytest.mark.parametrize("earlier", [16000, 9000, 1000])
 def test_a_step_that_is_not_an_earlier_one_is_refused(long_run, earlier) -> None:
-    with pytest.raises(InputError, match=rf"earlier_step: is {earlier}; choose a step before 4000 .*\(500, 1500\)"):
-        choose_earlier_step(earlier, long_run, 4000, {})
+    with pytest.raises(InputError, match=rf"earlier_step: is {earlier}; choose a step before 9000 .*\(1500, 4000\)"):
+        choose_earlier_step(earlier, long_run, 9000, {})
 
 
 def test_a_step_without_a_run_is_refused(tmp_path) -> None:
     assert choose_earlier_step("auto", None, None, {}) is None
     with pytest.raises(InputError, match="earlier_step: comes without run"):
-        enhance_folder(renders=tmp_path, photos=tmp_path, earlier_step=500, output=tmp_path / "out", device="cpu")
+        enhance_folder(renders=tmp_path, photos=tmp_path, earlier_step=1500, output=tmp_path / "out", device="cpu")
 
 
 @pytest.mark.parametrize(
@@ -83,14 +89,14 @@ def test_a_step_without_a_run_is_refused(tmp_path) -> None:
 def test_options_that_are_for_one_step_leave_it_out(long_run, option) -> None:
     assert resolve_earlier_step(configured(f"run={long_run}", option)).earlier_step is None
     with pytest.raises(InputError, match=f"earlier_step: comes with {option.partition('=')[0]}"):
-        resolve_earlier_step(configured(f"run={long_run}", option, "earlier_step=500"))
+        resolve_earlier_step(configured(f"run={long_run}", option, "earlier_step=1500"))
 
 
 def test_the_configuration_of_the_earlier_step(long_run) -> None:
     resolved = resolve_earlier_step(configured(f"run={long_run}"))
     earlier = earlier_configuration(resolved)
-    assert (resolved.step, resolved.earlier_step, resolved.ensemble) == (None, 1500, True)
-    assert (earlier.step, earlier.earlier_step, earlier.ensemble) == (1500, None, False)
+    assert (resolved.step, resolved.earlier_step, resolved.ensemble) == (None, 4000, True)
+    assert (earlier.step, earlier.earlier_step, earlier.ensemble) == (4000, None, False)
 
 
 def test_without_an_earlier_step_the_run_keeps_its_name(plane_run) -> None:
@@ -101,14 +107,14 @@ def test_without_an_earlier_step_the_run_keeps_its_name(plane_run) -> None:
 def test_the_job_combines_both_steps(long_run, tmp_path, capsys) -> None:
     for name, *options in (
         ("last", "earlier_step=null"),
-        ("earlier", "step=1500", "earlier_step=null", "ensemble=false"),
+        ("earlier", "step=4000", "earlier_step=null", "ensemble=false"),
         ("both",),
     ):
         assert run(configured(f"run={long_run}", *options, f"output={tmp_path / name}")) > 0
-    assert capsys.readouterr().err.count("The renders of step 1500 are used as well") == 1
+    assert capsys.readouterr().err.count("The renders of step 4000 are used as well") == 1
     for path in sorted((tmp_path / "both").iterdir()):
         last, earlier, both = (read_photo(tmp_path / name / path.name) for name in ("last", "earlier", "both"))
-        renders = (read_photo(long_run / f"test/ours_{step}/renders" / path.name) for step in (9000, 1500))
+        renders = (read_photo(long_run / f"test/ours_{step}/renders" / path.name) for step in (16000, 4000))
         expected = combine_with_earlier(last, earlier, *renders)
         assert float((both - expected).abs().max()) <= 2.5 / 255
         assert float((both - last).abs().max()) > 8 / 255
@@ -119,6 +125,6 @@ def test_the_job_combines_both_steps(long_run, tmp_path, capsys) -> None:
 
 
 def test_a_run_with_an_earlier_step_is_another_run(long_run, tmp_path) -> None:
-    for option in ("earlier_step=auto", "earlier_step=1500", "earlier_step=null"):
+    for option in ("earlier_step=auto", "earlier_step=4000", "earlier_step=null"):
         run(configured(f"run={long_run}", "every=2", option, f"runs={tmp_path}"))
     assert len(list((tmp_path / "enhance").iterdir())) == 2

@@ -79,7 +79,7 @@ def enhance_folder(
             views of both are averaged, which takes twice as long.
         earlier_step: for a run: the renders of this earlier step are enhanced as well, and used where photos decide for
             them, which gains more and takes about 1.7 times as long. "auto" takes the step nearest to a fifth of
-            ``step``, from 1000 on, if the run has its renders, and no step beside ``second``, ``temporal_smoothing``,
+            ``step``, from 3000 on, if the run has its renders, and no step beside ``second``, ``temporal_smoothing``,
             ``max_references=0`` and super-resolution; None uses none.
         scene: the capture: its folder (COLMAP, nerfstudio, NeRF-Synthetic, OpenSfM), or an opened `Scene`.
         downscale: for a capture's folder: factor by which width and height of its photos are divided.

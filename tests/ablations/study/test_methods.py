@@ -6,14 +6,17 @@ import pytest
 import torch
 
 from ablations.study.enhanced_views import enhanced_views
-from ablations.study.methods import Average, average, load_enhancer, name_of, two_fits
+from ablations.study.methods import Average, average, load_enhancer, name_of, two_fits, two_steps
+from gaussian_enhancer import enhance_folder
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.plan import AUTO
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.metrics.records import Record, write_records
+from gaussian_enhancer.scene.photos import read_photo
 from gaussian_enhancer.scene.renders import read_run
-from gaussian_enhancer.types import NetworkInput
+from gaussian_enhancer.types import NetworkInput, quantise_8_bit
 from support.synthetic_runs import write_plane_run
 
 
@@ -68,6 +71,21 @@ def test_enhanced_views_of_two_fits_are_averaged(tmp_path):
     each = [[view.image for view in shipped(one, Planner(AUTO, shipped.reference_config, one))] for one in sets]
     for view, images in zip(enhanced_views(sets[0], {"two": both}), zip(*each, strict=True), strict=True):
         torch.testing.assert_close(view.results["two"].image, sum(images) / 2, atol=1e-6, rtol=0)
+
+
+def test_two_steps_are_combined_as_by_the_job(tmp_path):
+    fit = fit_of(tmp_path / "a", steps=(3000, 15000))
+    files = enhance_folder(run=fit, output=tmp_path / "enhanced", device="cpu")
+    _, both = two_steps("lr_tiny", None)(fit, 15000)
+    assert not isinstance(both, SetEnhancer)
+    for view, file in zip(enhanced_views(read_run(fit, 15000), {"both": both}), files, strict=True):
+        assert torch.equal(quantise_8_bit(view.results["both"].image), read_photo(file))
+
+
+def test_a_step_without_an_earlier_one_is_enhanced_alone(tmp_path):
+    _, alone = two_steps("lr_tiny", None)(fit_of(tmp_path / "a", steps=(3000, 15000)), 3000)
+    assert isinstance(alone, SetEnhancer)
+    assert alone.ensemble
 
 
 def test_second_fits_that_do_not_match_are_refused(tmp_path):
