@@ -30,7 +30,9 @@ CAPTURES = {
     "fox": "fox (test)",
 }
 """Rows of the table of converged splats."""
-METHOD, CONVERGED_STEPS = "lr_tiny", 15000
+METHOD, ONE_STEP = "lr_tiny two steps", "lr_tiny"
+"""The default of enhance for a run, and enhancement of its last step alone."""
+CONVERGED_STEPS = 15000
 
 
 def views(records: Sequence[Record]) -> pd.DataFrame:
@@ -62,11 +64,10 @@ def converged_table(rows: pd.DataFrame) -> str:
     Args:
         rows: rows of the job ``convergence``, one for each method, scene, step and view.
     """
-    rows = rows[rows["method"] == METHOD]
     rows = rows[rows["step"] == rows.groupby("scene")["step"].transform("max")]
     lines, means = [], []
     for scene, title in CAPTURES.items():
-        of_scene = rows[rows["scene"] == scene]
+        of_scene, one_step = (rows[(rows["scene"] == scene) & (rows["method"] == name)] for name in (METHOD, ONE_STEP))
         gains, step = of_scene["gain_psnr_aligned"], int(of_scene["step"].iloc[0])
         worst = f"{gains.min():+.2f}" if gains.min() >= 0 else f"**{gains.min():+.2f}**"
         lines.append(
@@ -81,10 +82,13 @@ def converged_table(rows: pd.DataFrame) -> str:
             )
         )
         if step == CONVERGED_STEPS:
-            means.append((gains.mean(), of_scene["blocks_harmed"].mean()))
+            means.append((gains.mean(), one_step["gain_psnr_aligned"].mean(), of_scene["blocks_harmed"].mean()))
     headings = ("capture", "steps", "raw, dB", "gain, dB", "worst view", "views worse", "blocks worse by 0.5 dB")
-    gain, harmed = (sum(values) / len(means) for values in zip(*means, strict=True))
-    mean = f"Mean of the {len(means)} at {CONVERGED_STEPS:,} steps: {gain:+.2f} dB, {harmed:.1%} of blocks worse."
+    gain, alone, harmed = (sum(values) / len(means) for values in zip(*means, strict=True))
+    mean = (
+        f"Mean of the {len(means)} at {CONVERGED_STEPS:,} steps: {gain:+.2f} dB ({alone:+.2f} dB from the last step "
+        f"alone), {harmed:.1%} of blocks worse."
+    )
     return f"{markdown(frame(headings, lines))}\n{mean}\n"
 
 

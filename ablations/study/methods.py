@@ -172,7 +172,7 @@ def two_steps(weights: str, device: torch.device | None) -> Method:
     _, one_pass = load_enhancer(weights, EnhancementOptions(ensemble=False), device)
 
     def method(fit: Path, step: int) -> Applied:
-        earlier = choose_earlier_step("auto", fit, step, {})
+        earlier = choose_earlier_step("auto", fit, None, step, {})
         if earlier is None:
             return digest, enhancer
         return digest, TwoSteps(read_run(fit, step), read_run(fit, earlier), enhancer, one_pass)

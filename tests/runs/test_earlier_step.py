@@ -1,5 +1,7 @@
 """An earlier step of a run is chosen, enhanced as well and combined; what is for one step leaves it out."""
 
+import shutil
+
 import pytest
 from PIL import Image
 
@@ -11,6 +13,7 @@ from gaussian_enhancer.runs.earlier_step import (
     choose_earlier_step,
     earlier_configuration,
     resolve_earlier_step,
+    splats_by_step,
 )
 from gaussian_enhancer.runs.enhancement import naming_configuration
 from gaussian_enhancer.scene.photos import read_photo
@@ -47,31 +50,48 @@ def configured(*overrides: str):
     ],
 )
 def test_the_step_nearest_to_a_fifth_is_chosen(long_run, earlier, step, chosen) -> None:
-    assert choose_earlier_step(earlier, long_run, step, {}) == chosen
+    assert choose_earlier_step(earlier, long_run, None, step, {}) == chosen
 
 
 def test_a_run_without_old_renders_uses_none(plane_run) -> None:
-    assert choose_earlier_step("auto", plane_run, None, {}) is None
+    assert choose_earlier_step("auto", plane_run, None, None, {}) is None
 
 
 def test_a_step_without_renders_of_training_views_is_not_used(tmp_path) -> None:
     folder = write_plane_run(tmp_path / "plane", steps=(4000, 9000))
     (folder / "train/ours_4000").rename(tmp_path / "elsewhere")
-    assert choose_earlier_step("auto", folder, None, {}) is None
+    assert choose_earlier_step("auto", folder, None, None, {}) is None
     with pytest.raises(InputError, match="earlier_step: is 4000"):
-        choose_earlier_step(4000, folder, None, {})
+        choose_earlier_step(4000, folder, None, None, {})
 
 
 @pytest.mark.parametrize("earlier", [16000, 9000, 1000])
 def test_a_step_that_is_not_an_earlier_one_is_refused(long_run, earlier) -> None:
-    with pytest.raises(InputError, match=rf"earlier_step: is {earlier}; choose a step before 9000 .*\(1500, 4000\)"):
-        choose_earlier_step(earlier, long_run, 9000, {})
+    with pytest.raises(
+        InputError, match=rf"earlier_step: is {earlier}; choose a step before the enhanced one, .*\(1500, 4000\)"
+    ):
+        choose_earlier_step(earlier, long_run, None, 9000, {})
 
 
-def test_a_step_without_a_run_is_refused(tmp_path) -> None:
-    assert choose_earlier_step("auto", None, None, {}) is None
-    with pytest.raises(InputError, match="earlier_step: comes without run"):
+def test_a_step_of_a_folder_of_renders_is_refused(tmp_path) -> None:
+    assert choose_earlier_step("auto", None, None, None, {}) is None
+    with pytest.raises(InputError, match=r"earlier_step: is 1500; .* \(there is none\)"):
         enhance_folder(renders=tmp_path, photos=tmp_path, earlier_step=1500, output=tmp_path / "out", device="cpu")
+
+
+def test_a_result_folder_of_3dgs_has_earlier_splats(sheet_run, tmp_path) -> None:
+    folder = tmp_path / "result"
+    for name in ("iteration_7000", "iteration_30000", "iteration_x"):
+        (folder / "point_cloud" / name).mkdir(parents=True)
+        shutil.copy(sheet_run / "splat.ply", folder / "point_cloud" / name / "point_cloud.ply")
+    assert sorted(splats_by_step(folder)) == [7000, 30000]
+    assert choose_earlier_step("auto", None, folder, None, {}) == 7000
+    assert choose_earlier_step("auto", None, folder / "point_cloud/iteration_7000/point_cloud.ply", None, {}) is None
+    resolved = resolve_earlier_step(configured(f"gaussians={folder}"))
+    assert resolved.earlier_step == 7000
+    assert earlier_configuration(resolved).gaussians == str(folder / "point_cloud/iteration_7000/point_cloud.ply")
+    shutil.rmtree(folder / "point_cloud/iteration_7000")
+    assert resolve_earlier_step(configured(f"gaussians={folder}")).earlier_step is None
 
 
 @pytest.mark.parametrize(

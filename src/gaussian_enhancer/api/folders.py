@@ -17,6 +17,7 @@ from gaussian_enhancer.runs.earlier_step import (
     EarlierStep,
     choose_earlier_step,
     combined_with_earlier,
+    earlier_input,
     single_step_options,
 )
 from gaussian_enhancer.runs.enhancement import (
@@ -77,10 +78,10 @@ def enhance_folder(
         gaussians: file of a splat.
         second: another splat of the same capture, a folder beside ``run`` or a file beside ``gaussians``. The enhanced
             views of both are averaged, which takes twice as long.
-        earlier_step: for a run: the renders of this earlier step are enhanced as well, and used where photos decide for
-            them, which gains more and takes about 1.7 times as long. "auto" takes the step nearest to a fifth of
-            ``step``, from 3000 on, if the run has its renders, and no step beside ``second``, ``temporal_smoothing``,
-            ``max_references=0`` and super-resolution; None uses none.
+        earlier_step: for a run, or a result folder of the original 3DGS: the renders of this earlier step are enhanced
+            as well, and used where photos decide for them, which gains more and takes about 1.7 times as long. "auto"
+            takes the step nearest to a fifth of the fit, from 3000 on, if there is one, and no step beside ``second``,
+            ``temporal_smoothing``, ``max_references=0`` and super-resolution; None uses none.
         scene: the capture: its folder (COLMAP, nerfstudio, NeRF-Synthetic, OpenSfM), or an opened `Scene`.
         downscale: for a capture's folder: factor by which width and height of its photos are divided.
         method: for a splat: rendering method, "auto", "3dgs", "2dgs" or "mip_splatting".
@@ -124,7 +125,7 @@ def enhance_folder(
     )
     single = {"second": second is not None}
     single |= single_step_options(weights, settings.temporal_smoothing, settings.max_references)
-    earlier_step = choose_earlier_step(earlier_step, run, step, single)
+    earlier_step = choose_earlier_step(earlier_step, run, gaussians, step, single)
     task = paths.read(target_device.type, pretrained.reference_config.fine)
     refuse_input_folder(Path(output), task.rendered)
     if recover_geometry:
@@ -144,7 +145,8 @@ def enhance_folder(
         prepared = prepare_enhancement(pretrained, second_task, settings, target_device)
         images = averaged_with(images, prepared, settings.rules)
     if earlier_step is not None:
-        earlier_task = replace(paths, step=earlier_step).read(target_device.type, pretrained.reference_config.fine)
+        earlier_paths = replace(paths, **earlier_input(earlier_step, gaussians))
+        earlier_task = earlier_paths.read(target_device.type, pretrained.reference_config.fine)
         refuse_other_views(task.rendered, earlier_task.rendered)
         one_pass = replace(settings, ensemble=False)
         prepared = prepare_enhancement(pretrained, earlier_task, one_pass, target_device)

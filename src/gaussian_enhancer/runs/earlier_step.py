@@ -1,9 +1,12 @@
-"""Enhancement of a run together with the renders of one of its earlier steps (`infer.earlier_step`)."""
+"""Enhancement of a fit together with renders of one of its earlier steps (`infer.earlier_step`).
+
+A run holds renders of several steps, and a result folder of the original 3DGS the splats of several iterations.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from omegaconf import DictConfig
 
@@ -16,6 +19,7 @@ from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.runs.inputs import Task
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import choose_step, run_steps
+from gaussian_enhancer.splat.io.result_folders import ITERATION
 
 PREFERRED_SHARE = 0.2
 """Preferred share of a run's steps after which the earlier renders were made."""
@@ -28,41 +32,61 @@ EarlierStep = int | Literal["auto"] | None
 
 
 def choose_earlier_step(
-    earlier: EarlierStep, run: str | Path | None, step: int | None, single: Mapping[str, bool]
+    earlier: EarlierStep,
+    run: str | Path | None,
+    gaussians: str | Path | None,
+    step: int | None,
+    single: Mapping[str, bool],
 ) -> int | None:
     """The step whose renders are enhanced as well.
 
     Args:
-        earlier: the step, or "auto" for the one nearest to `PREFERRED_SHARE` of ``step``, from `MIN_STEP` on.
-        run: a fitted run's folder; None if the input is no run.
-        step: the step that is enhanced; None is the latest.
+        earlier: the step, or "auto" for the one nearest to `PREFERRED_SHARE` of the step that is enhanced, from
+            `MIN_STEP` on.
+        run: a fitted run's folder, if that is the input.
+        gaussians: a splat's file or result folder, if that is the input.
+        step: for a run: the step that is enhanced; None is the latest.
         single: whether options are set that are for one step, by name.
 
     Returns:
         The step; None if none is wanted, or "auto" cannot choose one.
 
     Raises:
-        InputError: the run cannot be read; or a step is given without a run, beside an option that is for one step, or
-            the run has no such renders.
+        InputError: the run cannot be read; or a step is given beside an option that is for one step, or the input has
+            no such step.
     """
     name = next((name for name, is_set in single.items() if is_set), None)
-    if earlier is None or (earlier == "auto" and (run is None or name is not None)):
+    if earlier is None or (earlier == "auto" and name is not None):
         return None
-    if run is None:
-        raise InputError("earlier_step", "comes without run", "give run=FOLDER, or leave earlier_step out")
     if name is not None:
         raise InputError("earlier_step", f"comes with {name}", "leave out one of them")
-    folder = Path(run)
-    last = choose_step(folder, step)
-    steps = [other for other in run_steps(folder) if other < last and other in run_steps(folder, "train")]
+    if run is not None:
+        folder = Path(run)
+        last = choose_step(folder, step)
+        steps = [other for other in run_steps(folder) if other < last and other in run_steps(folder, "train")]
+    else:
+        *steps, last = sorted(splats_by_step(gaussians)) or [0]
     if earlier == "auto":
         candidates = [other for other in steps if other >= MIN_STEP]
         return min(candidates, key=lambda other: abs(other - PREFERRED_SHARE * last), default=None)
     if earlier not in steps:
         found = ", ".join(map(str, steps)) or "there is none"
-        remedy = f"choose a step before {last} with renders of test and train views ({found}), auto or null"
+        remedy = (
+            f"choose a step before the enhanced one, of a run or of a result folder of 3DGS ({found}), auto or null"
+        )
         raise InputError("earlier_step", f"is {earlier}", remedy)
     return earlier
+
+
+def splats_by_step(gaussians: str | Path | None) -> dict[int, Path]:
+    """The splats in a result folder of the original 3DGS, by step; of anything else, none.
+
+    Args:
+        gaussians: a splat's file or result folder.
+    """
+    files = () if gaussians is None else Path(gaussians).glob("point_cloud/iteration_*/point_cloud.ply")
+    matches = ((ITERATION.fullmatch(file.parent.name), file) for file in files)
+    return {int(match[1]): file for match, file in matches if match}
 
 
 def resolve_earlier_step(cfg: DictConfig) -> DictConfig:
@@ -82,7 +106,7 @@ def resolve_earlier_step(cfg: DictConfig) -> DictConfig:
         **single_step_options(cfg.weights, cfg.temporal_smoothing, cfg.max_references),
     }
     resolved = cfg.copy()
-    resolved.earlier_step = choose_earlier_step(cfg.earlier_step, cfg.run, cfg.step, single)
+    resolved.earlier_step = choose_earlier_step(cfg.earlier_step, cfg.run, cfg.gaussians, cfg.step, single)
     return resolved
 
 
@@ -113,8 +137,18 @@ def earlier_configuration(cfg: DictConfig) -> DictConfig:
         cfg: what `resolve_earlier_step` returns, with a step.
     """
     earlier = cfg.copy()
-    earlier.update({"step": cfg.earlier_step, "earlier_step": None, "ensemble": False})
+    earlier.update({**earlier_input(cfg.earlier_step, cfg.gaussians), "earlier_step": None, "ensemble": False})
     return earlier
+
+
+def earlier_input(earlier_step: int, gaussians: str | Path | None) -> dict[str, Any]:
+    """The option that selects an earlier step, in place of that of the enhanced one.
+
+    Args:
+        earlier_step: what `choose_earlier_step` returns.
+        gaussians: the result folder, if the input is one; otherwise it is a run.
+    """
+    return {"step": earlier_step} if gaussians is None else {"gaussians": str(splats_by_step(gaussians)[earlier_step])}
 
 
 def combined_with_earlier(
@@ -123,7 +157,7 @@ def combined_with_earlier(
     earlier: tuple[SetEnhancer, Task, ValidatedInputs],
     rules: Rules,
 ) -> Iterator[EnhancedView]:
-    """Enhanced views of a run, combined with those of an earlier step. The times of both are added.
+    """Enhanced views of a fit, combined with those of an earlier step. The times of both are added.
 
     A view that stays as it was rendered is not changed.
 

@@ -36,13 +36,16 @@ def test_a_view_without_its_raw_render_is_refused() -> None:
 
 
 def test_converged_splats_are_shown_at_their_last_step_with_what_loses() -> None:
-    def row(scene: str, step: int, gain: float, method: str = "lr_tiny") -> dict[str, object]:
+    def row(scene: str, step: int, gain: float, method: str = "lr_tiny two steps") -> dict[str, object]:
         measured = {"raw_psnr_aligned": 25.0, "gain_psnr_aligned": gain, "blocks_harmed": 0.04}
         return {"method": method, "scene": scene, "step": step, **measured}
 
     rows = [row(scene, 7000, 1.0) for scene in CAPTURES if scene not in ("banana", "plush")]
     rows += [row("banana", 15000, 1.0), row("banana", 15000, 2.0), row("banana", 999, 9.0), row("plush", 15000, -0.5)]
+    rows += [row("banana", 15000, 0.5, "lr_tiny"), row("plush", 15000, -0.7, "lr_tiny")]
     made = converged_table(pd.DataFrame([*rows, row("plush", 15000, 9.0, "lr_tiny@1 plain")]))
     assert "| banana (validation) | 15,000 | 25.00 | +1.50 | +1.00 | 0/2 | 4.0% |" in made
     assert "| plush (validation) | 15,000 | 25.00 | -0.50 | **-0.50** | 1/1 | 4.0% |" in made
-    assert made.endswith("\nMean of the 2 at 15,000 steps: +0.50 dB, 4.0% of blocks worse.\n")
+    assert made.endswith(
+        "\nMean of the 2 at 15,000 steps: +0.50 dB (-0.10 dB from the last step alone), 4.0% of blocks worse.\n"
+    )
