@@ -86,8 +86,8 @@ def converged_table(rows: pd.DataFrame) -> str:
     headings = ("capture", "steps", "raw, dB", "gain, dB", "worst view", "views worse", "blocks worse by 0.5 dB")
     gain, alone, harmed = (sum(values) / len(means) for values in zip(*means, strict=True))
     mean = (
-        f"Mean of the {len(means)} at {CONVERGED_STEPS:,} steps: {gain:+.2f} dB ({alone:+.2f} dB from the last step "
-        f"alone), {harmed:.1%} of blocks worse."
+        f"Mean of the {len(means)} at {CONVERGED_STEPS:,} steps: {gain:+.2f} dB ({alone:+.2f} from one "
+        f"step), {harmed:.1%} of blocks worse."
     )
     return f"{markdown(frame(headings, lines))}\n{mean}\n"
 

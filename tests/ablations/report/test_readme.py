@@ -46,6 +46,4 @@ def test_converged_splats_are_shown_at_their_last_step_with_what_loses() -> None
     made = converged_table(pd.DataFrame([*rows, row("plush", 15000, 9.0, "lr_tiny@1 plain")]))
     assert "| banana (validation) | 15,000 | 25.00 | +1.50 | +1.00 | 0/2 | 4.0% |" in made
     assert "| plush (validation) | 15,000 | 25.00 | -0.50 | **-0.50** | 1/1 | 4.0% |" in made
-    assert made.endswith(
-        "\nMean of the 2 at 15,000 steps: +0.50 dB (-0.10 dB from the last step alone), 4.0% of blocks worse.\n"
-    )
+    assert made.endswith("\nMean of the 2 at 15,000 steps: +0.50 dB (-0.10 from one step), 4.0% of blocks worse.\n")
