@@ -57,6 +57,16 @@ def test_a_page_is_fresh_until_an_input_changes(repository: Path) -> None:
     assert str(found) == "stale  page.md: network (1 files); 2 commits behind"
 
 
+def test_an_excluded_file_counts_only_for_pages_that_name_it(repository: Path) -> None:
+    excluded = "src/gaussian_enhancer/infer/earlier_step.py"
+    named = CommittedPage("page.md", ("page.jsonl",), {"earlier_step": CFG.inputs["earlier_step"]})
+    (repository / excluded).parent.mkdir(parents=True)
+    _changed(repository, excluded)
+    _commit(repository)
+    assert not age(repository, PAGE).stale
+    assert dict(age(repository, named).changed) == {"earlier_step": (excluded,)}
+
+
 @pytest.mark.parametrize(
     ("source", "counts"),
     [
@@ -130,7 +140,7 @@ def test_every_page_and_its_records_and_inputs_are_there() -> None:
     assert len(pages(ROOT, CFG)) > len(CFG.pages)
     for specs in CFG.inputs.values():
         for spec in specs:
-            assert list(ROOT.glob(spec)), spec
+            assert list(ROOT.glob(spec.removeprefix(":!"))), spec
 
 
 def test_no_committed_page_claims_what_is_no_longer_so() -> None:
