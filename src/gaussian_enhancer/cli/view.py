@@ -38,5 +38,6 @@ def run(cfg: DictConfig) -> None:
             log(f"{address} shows {session.name}; press Ctrl-C to stop")
             page.worker.wait()
     except KeyboardInterrupt:
-        log(f"stopped; {saved.folder} holds {saved.count} saved views and paths")
+        stopped = f"stopped; {saved.folder} holds {saved.count} saved views and paths"
+        print_line(Console(stderr=True), stopped)  # the other one may keep an interrupted line
         raise SystemExit(INTERRUPTED) from None
