@@ -10,8 +10,10 @@ from typing import Any
 import torch
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.preload import validation_reads
+from gaussian_enhancer.infer.validated_inputs import ValidatedInputs
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.runs.earlier_step import (
     EarlierStep,
@@ -27,7 +29,7 @@ from gaussian_enhancer.runs.enhancement import (
     recover_missing_geometry,
 )
 from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos, high_resolution_values
-from gaussian_enhancer.runs.inputs import InputPaths, refuse_input_folder
+from gaussian_enhancer.runs.inputs import InputPaths, Task, refuse_input_folder
 from gaussian_enhancer.runs.output import write_enhanced
 from gaussian_enhancer.runs.runtime import choose_device
 from gaussian_enhancer.runs.second_splat import averaged_with, first_form, refuse_other_views
@@ -138,19 +140,20 @@ def enhance_folder(
     for reason in filter(None, (task.note, *reasons)):
         warnings.warn(reason, stacklevel=2)
     images = enhancer(task.rendered, planner, validated.pool)
+
+    def prepare(inputs: InputPaths, chosen: EnhancementOptions) -> tuple[SetEnhancer, Task, ValidatedInputs]:
+        """Prepare the enhancement of another splat or step, whose views must be those of the first."""
+        other = inputs.read(target_device.type, pretrained.reference_config.fine)
+        refuse_other_views(task.rendered, other.rendered)
+        return prepare_enhancement(pretrained, other, chosen, target_device)
+
     if second is not None:
         second_paths = replace(paths, run=second) if form == "run" else replace(paths, gaussians=second)
-        second_task = second_paths.read(target_device.type, pretrained.reference_config.fine)
-        refuse_other_views(task.rendered, second_task.rendered)
-        prepared = prepare_enhancement(pretrained, second_task, settings, target_device)
-        images = averaged_with(images, prepared, settings.rules)
+        images = averaged_with(images, prepare(second_paths, settings), settings.rules)
     if earlier_step is not None:
         earlier_paths = replace(paths, **earlier_input(earlier_step, gaussians))
-        earlier_task = earlier_paths.read(target_device.type, pretrained.reference_config.fine)
-        refuse_other_views(task.rendered, earlier_task.rendered)
-        one_pass = replace(settings, ensemble=False)
-        prepared = prepare_enhancement(pretrained, earlier_task, one_pass, target_device)
-        images = combined_with_earlier(images, task.rendered, prepared, settings.rules)
+        earlier = prepare(earlier_paths, replace(settings, ensemble=False))
+        images = combined_with_earlier(images, task.rendered, earlier, settings.rules)
     enhanced = write_enhanced(images, Path(output), task.rendered, enhancer.network.scale)
     return tuple(Path(output) / view.name for view in enhanced)
 

@@ -83,8 +83,9 @@ def run(cfg: DictConfig) -> float | None:
         read_file()
     plan = Plan(task.rendered.name, rules, validated.parts, () if planner is None else tuple(planner.plans.values()))
     notes = validated.missing_references if rules.full and not cfg.dry_run else (plan.table(),)
-    earlier_note = f"The renders of step {cfg.earlier_step} are used as well (earlier_step=null leaves them out)."
-    for line in filter(None, (task.note, *notes, *(() if earlier is None else (earlier_note,)))):
+    if earlier is not None:
+        notes = *notes, f"The renders of step {cfg.earlier_step} are used as well (earlier_step=null leaves them out)."
+    for line in filter(None, (task.note, *notes)):
         print_line(Console() if cfg.dry_run else console, line)
     warnings = *mismatch_warnings(validated), *lost_references(enhancer, task, validated)
     for warning in (*warnings, *(() if second is None else mismatch_warnings(second[2]))):
