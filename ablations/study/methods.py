@@ -17,7 +17,7 @@ from gaussian_enhancer.align.alignment import LoadedView
 from gaussian_enhancer.align.references import ReferenceConfig, ReferencePool
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.earlier_step import combine_with_earlier
+from gaussian_enhancer.infer.earlier_step import TwoStepEnhancer
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.plan import AUTO
@@ -112,37 +112,6 @@ class FitAverage:
         return (first + second) / 2
 
 
-@dataclass(frozen=True)
-class TwoSteps:
-    """Enhanced views of a step of a fit, combined with those of an earlier step, as the job enhance does by default.
-
-    Args:
-        last: the step that is measured.
-        earlier: the earlier step.
-        enhancer: enhances the views of the step that is measured.
-        one_pass: enhances the views of the earlier step.
-    """
-
-    last: RenderedSet
-    earlier: RenderedSet
-    enhancer: SetEnhancer
-    one_pass: SetEnhancer
-
-    def __call__(self, view: RenderedView, target: LoadedView, pool: ReferencePool) -> Float[Tensor, "3 h w"]:
-        """The combined view.
-
-        Args:
-            view: the target.
-            target: its pixels.
-            pool: unused.
-
-        Raises:
-            InputError: the earlier step lacks the view.
-        """
-        enhanced = _image(self.last, view.name, self.enhancer), _image(self.earlier, view.name, self.one_pass)
-        return combine_with_earlier(*enhanced, target.image, _image(self.earlier, view.name))
-
-
 def _image(rendered: RenderedSet, name: str, enhancer: SetEnhancer | None = None) -> Float[Tensor, "3 _ _"]:
     """The render of a view, or the enhanced view.
 
@@ -169,13 +138,13 @@ def two_steps(weights: str, device: torch.device | None) -> Method:
         InputError: the weights cannot be used.
     """
     digest, enhancer = load_enhancer(weights, EnhancementOptions(), device)
-    _, one_pass = load_enhancer(weights, EnhancementOptions(ensemble=False), device)
 
     def method(fit: Path, step: int) -> Applied:
         earlier = choose_earlier_step("auto", fit, None, step, {})
         if earlier is None:
             return digest, enhancer
-        return digest, TwoSteps(read_run(fit, step), read_run(fit, earlier), enhancer, one_pass)
+        last, both = read_run(fit, step), TwoStepEnhancer(enhancer, read_run(fit, earlier).targets)
+        return digest, lambda view, target, pool: _image(last, view.name, both)
 
     return method
 

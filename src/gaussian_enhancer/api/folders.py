@@ -10,18 +10,10 @@ from typing import Any
 import torch
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.preload import validation_reads
-from gaussian_enhancer.infer.validated_inputs import ValidatedInputs
 from gaussian_enhancer.infer.weights import load_weights
-from gaussian_enhancer.runs.earlier_step import (
-    EarlierStep,
-    choose_earlier_step,
-    combined_with_earlier,
-    earlier_input,
-    single_step_options,
-)
+from gaussian_enhancer.runs.earlier_step import EarlierStep, choose_earlier_step, single_step_options
 from gaussian_enhancer.runs.enhancement import (
     lost_references,
     mismatch_warnings,
@@ -29,7 +21,7 @@ from gaussian_enhancer.runs.enhancement import (
     recover_missing_geometry,
 )
 from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos, high_resolution_values
-from gaussian_enhancer.runs.inputs import InputPaths, Task, refuse_input_folder
+from gaussian_enhancer.runs.inputs import InputPaths, refuse_input_folder
 from gaussian_enhancer.runs.output import write_enhanced
 from gaussian_enhancer.runs.runtime import choose_device
 from gaussian_enhancer.runs.second_splat import averaged_with, first_form, refuse_other_views
@@ -81,9 +73,9 @@ def enhance_folder(
         second: another splat of the same capture, a folder beside ``run`` or a file beside ``gaussians``. The enhanced
             views of both are averaged, which takes twice as long.
         earlier_step: for a run, or a result folder of the original 3DGS: the renders of this earlier step are enhanced
-            as well, and used where photos decide for them, which gains more and takes about 1.8 times as long. "auto"
-            takes the step nearest to a fifth of the fit, from 3000 on, if there is one, and no step beside ``second``,
-            ``temporal_smoothing``, ``max_references=0`` and super-resolution; None uses none.
+            as well, and used where photos decide for them, which gains more and takes about 1.4 times as long. "auto"
+            takes the step nearest to a fifth of the fit, from 3000 on, if there is one, and no step beside ``second``
+            and ``max_references=0``, or for weights that do not warp references; None uses none.
         scene: the capture: its folder (COLMAP, nerfstudio, NeRF-Synthetic, OpenSfM), or an opened `Scene`.
         downscale: for a capture's folder: factor by which width and height of its photos are divided.
         method: for a splat: rendering method, "auto", "3dgs", "2dgs" or "mip_splatting".
@@ -109,6 +101,7 @@ def enhance_folder(
     form = None if second is None else first_form(run, gaussians)
     target_device: torch.device = choose_device("auto" if device is None else device)
     settings, pretrained = EnhancementOptions.of(**options), load_weights(weights)
+    single = {"second": second is not None, **single_step_options(weights, settings.max_references)}
     capture = open_capture(scene, downscale=downscale) if isinstance(scene, str | Path) else scene
     paths = InputPaths(
         run,
@@ -124,36 +117,26 @@ def enhance_folder(
         depth_scale=depth_scale,
         capture=capture,
         attach_fine=_fine_photos(run, scene, downscale, Path(output) / "photos"),
+        earlier_step=choose_earlier_step(earlier_step, run, gaussians, step, single),
     )
-    single = {"second": second is not None}
-    single |= single_step_options(weights, settings.temporal_smoothing, settings.max_references)
-    earlier_step = choose_earlier_step(earlier_step, run, gaussians, step, single)
     task = paths.read(target_device.type, pretrained.reference_config.fine)
     refuse_input_folder(Path(output), task.rendered)
     if recover_geometry:
         task = recover_missing_geometry(task, pretrained, settings, Path(output) / "geometry")
     enhancer, task, validated = prepare_enhancement(pretrained, task, settings, target_device)
     planner = validated.planner(settings.rules)
-    for read_file in validation_reads(validated, planner):
+    for read_file in (*validation_reads(validated, planner), *task.earlier_files):
         read_file()
     reasons = *validated.missing_references, *mismatch_warnings(validated), *lost_references(enhancer, task, validated)
     for reason in filter(None, (task.note, *reasons)):
         warnings.warn(reason, stacklevel=2)
     images = enhancer(task.rendered, planner, validated.pool)
-
-    def prepare(inputs: InputPaths, chosen: EnhancementOptions) -> tuple[SetEnhancer, Task, ValidatedInputs]:
-        """Prepare the enhancement of another splat or step, whose views must be those of the first."""
-        other = inputs.read(target_device.type, pretrained.reference_config.fine)
-        refuse_other_views(task.rendered, other.rendered)
-        return prepare_enhancement(pretrained, other, chosen, target_device)
-
     if second is not None:
         second_paths = replace(paths, run=second) if form == "run" else replace(paths, gaussians=second)
-        images = averaged_with(images, prepare(second_paths, settings), settings.rules)
-    if earlier_step is not None:
-        earlier_paths = replace(paths, **earlier_input(earlier_step, gaussians))
-        earlier = prepare(earlier_paths, replace(settings, ensemble=False))
-        images = combined_with_earlier(images, task.rendered, earlier, settings.rules)
+        other = second_paths.read(target_device.type, pretrained.reference_config.fine)
+        refuse_other_views(task.rendered, other.rendered)
+        prepared = prepare_enhancement(pretrained, other, settings, target_device)
+        images = averaged_with(images, prepared, settings.rules)
     enhanced = write_enhanced(images, Path(output), task.rendered, enhancer.network.scale)
     return tuple(Path(output) / view.name for view in enhanced)
 

@@ -5,20 +5,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import torch
 from omegaconf import DictConfig
 from rich.console import Console
 from rich.progress import track
 
 from gaussian_enhancer.console import hides_progress, print_line
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.enhancer import EnhancedView, SetEnhancer
+from gaussian_enhancer.infer.enhancer import EnhancedView
 from gaussian_enhancer.infer.plan import Plan
 from gaussian_enhancer.infer.preload import validation_reads
-from gaussian_enhancer.infer.validated_inputs import ValidatedInputs
 from gaussian_enhancer.metrics.records import write_records
 from gaussian_enhancer.runs.compose import compose_job
-from gaussian_enhancer.runs.earlier_step import combined_with_earlier, earlier_configuration, resolve_earlier_step
+from gaussian_enhancer.runs.earlier_step import resolve_earlier_step
 from gaussian_enhancer.runs.enhancement import (
     load_enhancement,
     load_options,
@@ -66,24 +64,26 @@ def run(cfg: DictConfig) -> float | None:
     """
     console = Console(stderr=True)
     count, device = process_count(cfg), start(cfg.runtime)
-    second_cfg = None if cfg.second is None else second_configuration(cfg)
     cfg = resolve_earlier_step(cfg)
+    second_cfg = None if cfg.second is None else second_configuration(cfg)
     if cfg.distil:
         load_options(cfg, device)
         cfg = _with_distilled_splat(cfg)
     cfg = apply_budget(cfg, load_enhancement, device, console)
     enhancer, task, validated = load_enhancement(cfg, device)
-    second = None if second_cfg is None else _load_second(second_cfg, task, device)
-    earlier = None if cfg.earlier_step is None else _load_second(earlier_configuration(cfg), task, device)
+    second = None if second_cfg is None else load_enhancement(second_cfg, device)
+    if second is not None:
+        refuse_other_views(task.rendered, second[1].rendered)
     rules = build(cfg.plan)
     planner = validated.planner(rules)
     progress_hidden = hides_progress(cfg, console)
     reads = validation_reads(validated, planner, keep_photos=not cfg.output, render_splat=cfg.dry_run)
+    reads += task.earlier_files
     for read_file in track(reads, "reading", console=console, disable=progress_hidden):
         read_file()
     plan = Plan(task.rendered.name, rules, validated.parts, () if planner is None else tuple(planner.plans.values()))
     notes = validated.missing_references if rules.full and not cfg.dry_run else (plan.table(),)
-    if earlier is not None:
+    if task.earlier:
         notes = *notes, f"The renders of step {cfg.earlier_step} are used as well (earlier_step=null leaves them out)."
     for line in filter(None, (task.note, *notes)):
         print_line(Console() if cfg.dry_run else console, line)
@@ -102,30 +102,12 @@ def run(cfg: DictConfig) -> float | None:
         images = enhancer(task.rendered, planner, validated.pool)
         if second is not None:
             images = averaged_with(images, second, rules)
-        if earlier is not None:
-            images = combined_with_earlier(images, task.rendered, earlier, rules)
         tracked = track(images, "enhancing", total=total, console=console, disable=progress_hidden)
         return write_enhanced(tracked, folder, task.rendered, enhancer.network.scale)
 
     if cfg.output:
         return _print_summary(write_enhanced_to(Path(cfg.output)), Path(cfg.output), console)
     return _print_summary(*_write_run(cfg, task, plan, enhancer.network.scale, write_enhanced_to), console)
-
-
-def _load_second(cfg: DictConfig, first: Task, device: torch.device) -> tuple[SetEnhancer, Task, ValidatedInputs]:
-    """Load the enhancement of the second splat, or of an earlier step.
-
-    Args:
-        cfg: what `second_configuration` or `earlier_configuration` returns.
-        first: the task of the first splat.
-        device: device of the network.
-
-    Raises:
-        InputError: the splat cannot be read, or its views are not those of the first.
-    """
-    second = load_enhancement(cfg, device)
-    refuse_other_views(first.rendered, second[1].rendered)
-    return second
 
 
 def _write_run(

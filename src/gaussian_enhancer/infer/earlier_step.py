@@ -1,15 +1,29 @@
-"""Combines the enhanced views of a fit with those of an earlier step of the same fit.
+"""Enhances the views of a fit together with renders of an earlier step of the same fit.
 
 An earlier step errs differently where the photos leave a fit undetermined, and a long fit often errs more there, since
 it has adapted to its own photos. Its enhanced view is used where both differ and the references decide between them.
 
-Axes: h height, w width.
+Axes: b batch, h height, w width.
 """
+
+import dataclasses
+from collections.abc import Iterator, Sequence
 
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
+
+from gaussian_enhancer.align.alignment import LoadedView
+from gaussian_enhancer.align.references import ReferencePool
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.enhancer import EnhancedView, SetEnhancer
+from gaussian_enhancer.infer.plan import ViewPlan
+from gaussian_enhancer.infer.planner import Planner
+from gaussian_enhancer.infer.reference_cache import ReferenceFeatures
+from gaussian_enhancer.network.network import Network
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from gaussian_enhancer.types import NetworkInput
 
 DIFFERENCE = 0.04
 """Root mean squared difference of the enhanced views at which half of the earlier one's weight is used."""
@@ -23,6 +37,71 @@ LEAST_DIFFERENCE = 1e-6
 """Added to mean squared differences, so that equal renders count as undecided."""
 UNDECIDED, DECIDED = 0.8, 0.5
 """Shares of the renders' squared difference left after enhancement, at which none and all of the weight is used."""
+
+
+class TwoStepEnhancer(SetEnhancer):
+    """Enhances the views of a fit, and renders of an earlier step with the references that were aligned to the last.
+
+    The earlier render is enhanced once, without the splat's renders of the references' views, at the render's own
+    resolution. Weights that do not warp references ignore it.
+
+    Args:
+        enhancer: enhances the views; its network and options are used.
+        earlier: the renders of the earlier step, with the names of the views.
+    """
+
+    def __init__(self, enhancer: SetEnhancer, earlier: Sequence[RenderedView]) -> None:
+        vars(self).update(vars(enhancer))
+        self._earlier = {view.name: view for view in earlier}
+        self._renders: Iterator[Float[Tensor, "3 _ _"]] = iter(())
+
+    def _enhance_each(
+        self,
+        rendered: RenderedSet,
+        planner: Planner | None,
+        pool: ReferencePool,
+        features: ReferenceFeatures | None,
+    ) -> Iterator[tuple[EnhancedView, LoadedView]]:
+        """Enhance each target independently; yield it with the target's pixels.
+
+        Raises:
+            InputError: a view cannot be read, or the earlier step has no render of it.
+        """
+        for view in rendered.targets:
+            earlier = self._earlier.get(view.name)
+            if earlier is None or earlier.read is None:
+                raise InputError(view.name, "has no render at the earlier step", "give a step with all views, or none")
+            self._renders = iter([earlier.read()])
+            yield from super()._enhance_each(dataclasses.replace(rendered, targets=(view,)), planner, pool, features)
+
+    def _enhance_regions(
+        self, view: RenderedView, target: LoadedView, planner: Planner, plan: ViewPlan, started: float
+    ) -> EnhancedView:
+        """Enhance the planned regions of a view, each as a separate image; other pixels are those of the render."""
+        render, margin = next(self._renders), planner.rules.margin
+        self._renders = iter([region.expand(margin, *plan.size).crop(render) for region in plan.regions or ()])
+        return super()._enhance_regions(view, target, planner, plan, started)
+
+    def enhance(
+        self, views: NetworkInput, names: Sequence[str] = (), reference_features: ReferenceFeatures | None = None
+    ) -> Float[Tensor, "b 3 H W"]:
+        """Run the network; see `SetEnhancer.enhance`."""
+        self._render = next(self._renders)
+        return super().enhance(views, names, reference_features)
+
+    def _run_limited(self, network: Network, views: NetworkInput) -> Float[Tensor, "b 3 h w"]:
+        """Enhance at the render's resolution, limit the change, and combine the result with the earlier step's.
+
+        Raises:
+            InputError: the earlier step has a render of another size.
+        """
+        enhanced = super()._run_limited(network, views)
+        render = self._render.to(views.render)[None]
+        if render.shape != views.render.shape:
+            raise InputError("earlier_step", "has renders of another size", "choose another step, or null")
+        earlier_views = dataclasses.replace(views, render=render, reference_renders=None)
+        earlier = self._limit_change(self._run(network, earlier_views), earlier_views)
+        return combine_with_earlier(enhanced[0], earlier[0], views.render[0], render[0])[None]
 
 
 def combine_with_earlier(

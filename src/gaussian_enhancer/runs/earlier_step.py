@@ -1,23 +1,17 @@
-"""Enhancement of a fit together with renders of one of its earlier steps (`infer.earlier_step`).
+"""Choice of the earlier step of a fit whose renders are used as well (`infer.earlier_step`).
 
 A run holds renders of several steps, and a result folder of the original 3DGS the splats of several iterations.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from omegaconf import DictConfig
 
+from gaussian_enhancer.align.alignment import Reprojected
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.earlier_step import combine_with_earlier
-from gaussian_enhancer.infer.enhancer import EnhancedView, SetEnhancer
-from gaussian_enhancer.infer.plan import Rules
-from gaussian_enhancer.infer.validated_inputs import ValidatedInputs
 from gaussian_enhancer.infer.weights import load_weights
-from gaussian_enhancer.runs.inputs import Task
-from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import choose_step, run_steps
 from gaussian_enhancer.splat.io.result_folders import ITERATION
 
@@ -38,7 +32,7 @@ def choose_earlier_step(
     step: int | None,
     single: Mapping[str, bool],
 ) -> int | None:
-    """The step whose renders are enhanced as well.
+    """The step whose renders are used as well.
 
     Args:
         earlier: the step, or "auto" for the one nearest to `PREFERRED_SHARE` of the step that is enhanced, from
@@ -63,7 +57,7 @@ def choose_earlier_step(
     if run is not None:
         folder = Path(run)
         last = choose_step(folder, step)
-        steps = [other for other in run_steps(folder) if other < last and other in run_steps(folder, "train")]
+        steps = [other for other in run_steps(folder) if other < last]
     else:
         *steps, last = sorted(splats_by_step(gaussians)) or [0]
     if earlier == "auto":
@@ -102,77 +96,24 @@ def resolve_earlier_step(cfg: DictConfig) -> DictConfig:
         "second": cfg.second is not None,
         "distil": cfg.distil,
         "budget_ms": cfg.budget_ms is not None,
-        "runtime.processes": cfg.runtime.get("processes", 1) > 1,
-        **single_step_options(cfg.weights, cfg.temporal_smoothing, cfg.max_references),
+        **single_step_options(cfg.weights, cfg.max_references),
     }
     resolved = cfg.copy()
     resolved.earlier_step = choose_earlier_step(cfg.earlier_step, cfg.run, cfg.gaussians, cfg.step, single)
     return resolved
 
 
-def single_step_options(
-    weights: str | Path, temporal_smoothing: int | float, max_references: int | None
-) -> dict[str, bool]:
-    """Whether options of an enhancement are for one step: super-resolution, smoothing over time, and no references.
+def single_step_options(weights: str | Path, max_references: int | None) -> dict[str, bool]:
+    """Whether options of an enhancement are for one step: weights that do not warp references, and no references.
 
     Args:
         weights: shipped name or file.
-        temporal_smoothing: see `EnhancementOptions`.
         max_references: see `EnhancementOptions`.
 
     Raises:
         InputError: there are no such weights.
     """
     return {
-        f"weights={weights}": load_weights(weights).network.scale > 1,
-        "temporal_smoothing": temporal_smoothing > 0,
+        f"weights={weights}": not isinstance(load_weights(weights).reference_config.warp, Reprojected),
         "max_references=0": max_references == 0,
     }
-
-
-def earlier_configuration(cfg: DictConfig) -> DictConfig:
-    """The configuration that enhances the renders of the earlier step alone, with one enhancement a view.
-
-    Args:
-        cfg: what `resolve_earlier_step` returns, with a step.
-    """
-    earlier = cfg.copy()
-    earlier.update({**earlier_input(cfg.earlier_step, cfg.gaussians), "earlier_step": None, "ensemble": False})
-    return earlier
-
-
-def earlier_input(earlier_step: int, gaussians: str | Path | None) -> dict[str, Any]:
-    """The option that selects an earlier step, in place of that of the enhanced one.
-
-    Args:
-        earlier_step: what `choose_earlier_step` returns.
-        gaussians: the result folder, if the input is one; otherwise it is a run.
-    """
-    return {"step": earlier_step} if gaussians is None else {"gaussians": str(splats_by_step(gaussians)[earlier_step])}
-
-
-def combined_with_earlier(
-    views: Iterable[EnhancedView],
-    rendered: RenderedSet,
-    earlier: tuple[SetEnhancer, Task, ValidatedInputs],
-    rules: Rules,
-) -> Iterator[EnhancedView]:
-    """Enhanced views of a fit, combined with those of an earlier step. The times of both are added.
-
-    A view that stays as it was rendered is not changed.
-
-    Args:
-        views: enhanced views of the last step.
-        rendered: its renders.
-        earlier: what `prepare_enhancement` returns for the earlier step.
-        rules: what the plan may leave out.
-    """
-    enhancer, task, validated = earlier
-    earlier_views = enhancer(task.rendered, validated.planner(rules), validated.pool)
-    renders = zip(rendered.targets, task.rendered.targets, strict=True)
-    for view, other, (target, earlier_target) in zip(views, earlier_views, renders, strict=True):
-        image = view.image
-        if not view.unchanged and target.read is not None and earlier_target.read is not None:
-            image = combine_with_earlier(image, other.image, target.read(), earlier_target.read())
-        preparing, enhancing = view.preparing + other.preparing, view.enhancing + other.enhancing
-        yield replace(view, image=image, preparing=preparing, enhancing=enhancing)

@@ -14,6 +14,7 @@ from gaussian_enhancer.align.alignment import Reprojected
 from gaussian_enhancer.align.references import ReferencePool
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.earlier_step import TwoStepEnhancer
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.validated_inputs import ValidatedInputs, validate_inputs
@@ -130,6 +131,8 @@ def prepare_enhancement(
     config = options.reference_config(pretrained, task.depth)
     validated = validate_inputs(task.rendered, config, options.rules, pretrained.network.scale, origins=task.origins)
     enhancer = options.enhancer(pretrained, validated.reference_config, device)
+    if task.earlier:
+        enhancer = TwoStepEnhancer(enhancer, task.earlier)
     return enhancer, replace(task, rendered=validated.rendered), validated
 
 

@@ -10,11 +10,13 @@ from omegaconf import DictConfig
 from gaussian_enhancer.align.depth_search import DepthKind
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.arguments import only_given, refuse_without_effect
+from gaussian_enhancer.runs.earlier_step import splats_by_step
 from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos, high_resolution_config
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.rendered_capture import render_capture
 from gaussian_enhancer.scene.high_resolution import attach_fine_photos
-from gaussian_enhancer.scene.rendered import RenderedSet
+from gaussian_enhancer.scene.posed import ReadPhoto
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_folder, read_run, run_steps
 from gaussian_enhancer.scene.scene import Scene
 
@@ -29,6 +31,7 @@ class Task:
         note: reason why requested photos at 4 times the renders' resolution are missing.
         depth: kind of the targets' depth.
         origins: for "cameras" and "depth" that were not given: how they were recovered, or why they could not be.
+        earlier: the targets as an earlier step rendered them; empty if none is used.
     """
 
     rendered: RenderedSet
@@ -36,6 +39,12 @@ class Task:
     note: str = ""
     depth: DepthKind = "surface"
     origins: Mapping[str, str] = field(default_factory=dict)
+    earlier: tuple[RenderedView, ...] = ()
+
+    @property
+    def earlier_files(self) -> list[Callable[[], object]]:
+        """The reads of the earlier step's renders that are files, which find damaged ones."""
+        return [view.read for view in self.earlier if isinstance(view.read, ReadPhoto)]
 
 
 _OF_FOLDERS = ("photos", "references", "cameras", "depth", "depth_scale")
@@ -60,6 +69,7 @@ class InputPaths:
         invalid: for a splat: treatment of Gaussians that are not finite, "refuse" or "drop".
         capture: the photographed scene whose training photos are references; required for a splat.
         attach_fine: attaches photos at 4 times the renders' resolution to the views of a run or a splat.
+        earlier_step: the earlier step whose renders are used as well (`choose_earlier_step`); None uses none.
     """
 
     run: str | Path | None = None
@@ -77,6 +87,7 @@ class InputPaths:
     depth_scale: int | float = 1.0
     capture: Scene | None = None
     attach_fine: Callable[[RenderedSet], RenderedSet] | None = None
+    earlier_step: int | None = None
 
     def read(self, device: str, fine: bool) -> Task:
         """Read the input.
@@ -96,14 +107,19 @@ class InputPaths:
         refuse_without_effect((name for name in WITHOUT_EFFECT[form] if getattr(self, name) != defaults[name]), form)
         attach_fine = self.attach_fine if fine else None
         if self.run is not None:
-            rendered = _every_nth(read_run(self.run, self.step, capture=self.capture), self.every)
+            read = partial(read_run, self.run, capture=self.capture)
+            rendered = _every_nth(read(self.step), self.every)
             step = run_steps(Path(self.run))[-1] if self.step is None else self.step
-            return with_fine_photos(Task(rendered, step), attach_fine)
+            task = Task(rendered, step, earlier=self._earlier_targets(rendered, read))
+            return with_fine_photos(task, attach_fine)
         if self.gaussians is not None:
             if self.capture is None:
                 raise InputError("gaussians", "comes without its capture", "add scene=capture scene.path=FOLDER")
-            rendered = render_capture(self.gaussians, self.capture, self.method, self.views, device, self.invalid)
-            task = Task(_every_nth(rendered, self.every), depth="surface" if device == "cpu" else "expected")
+            how = self.capture, self.method, self.views, device, self.invalid
+            rendered = _every_nth(render_capture(self.gaussians, *how), self.every)
+            splats = splats_by_step(self.gaussians)
+            earlier = self._earlier_targets(rendered, lambda step: render_capture(splats[step], *how))
+            task = Task(rendered, depth="surface" if device == "cpu" else "expected", earlier=earlier)
             return with_fine_photos(task, attach_fine)
         if self.capture is not None and self.references is not None:
             raise InputError(
@@ -113,6 +129,20 @@ class InputPaths:
         folders = self.photos, references, self.depth, self.cameras
         rendered = read_folder(self.renders or "", *folders, depth_scale=self.depth_scale, finer=fine)
         return Task(_every_nth(rendered, self.every), depth="surface" if rendered.own_depth else "expected")
+
+    def _earlier_targets(self, rendered: RenderedSet, read: Callable[[int], RenderedSet]) -> tuple[RenderedView, ...]:
+        """The targets as the earlier step rendered them; ``read`` returns the renders of a step.
+
+        Raises:
+            InputError: the step lacks one of them.
+        """
+        if self.earlier_step is None:
+            return ()
+        by_name = {view.name: view for view in read(self.earlier_step).targets}
+        missing = next((view.name for view in rendered.targets if view.name not in by_name), None)
+        if missing is not None:
+            raise InputError("earlier_step", f"has no render of {missing}", "choose another step, or null")
+        return tuple(by_name[view.name] for view in rendered.targets)
 
 
 def with_fine_photos(task: Task, attach: Callable[[RenderedSet], RenderedSet] | None) -> Task:
