@@ -6,11 +6,15 @@ import pytest
 from PIL import Image
 
 from gaussian_enhancer import enhance_folder
+from gaussian_enhancer.align.alignment import Unwarped
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.cli.enhance import run
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.runs.earlier_step import choose_earlier_step, resolve_earlier_step, splats_by_step
 from gaussian_enhancer.runs.enhancement import naming_configuration
 from gaussian_enhancer.scene.photos import read_photo
+from support.bright_weights import bright_network
 from support.job_config import job_config
 from support.synthetic_runs import write_plane_run
 
@@ -107,6 +111,19 @@ def test_options_that_are_for_one_step_leave_it_out(long_run, option) -> None:
     assert resolve_earlier_step(configured(f"run={long_run}", option)).earlier_step is None
     with pytest.raises(InputError, match=f"earlier_step: comes with {option.partition('=')[0]}"):
         resolve_earlier_step(configured(f"run={long_run}", option, "earlier_step=1500"))
+
+
+def test_weights_that_do_not_warp_references_leave_it_out(long_run, tmp_path) -> None:
+    save_weights(tmp_path / "unwarped.safetensors", bright_network(), ReferenceConfig(Unwarped()), {})
+    option = f"weights={tmp_path / 'unwarped.safetensors'}"
+    assert resolve_earlier_step(configured(f"run={long_run}", option)).earlier_step is None
+    with pytest.raises(InputError, match="earlier_step: comes with weights that do not warp references"):
+        enhance_folder(run=long_run, weights=option[8:], earlier_step=1500, output=tmp_path / "out", device="cpu")
+
+
+@pytest.mark.parametrize("option", ["runtime.processes=2", "temporal_smoothing=0.5", "weights=sr_tiny"])
+def test_options_for_which_it_is_used_as_well(long_run, option) -> None:
+    assert resolve_earlier_step(configured(f"run={long_run}", option)).earlier_step == 4000
 
 
 def test_without_an_earlier_step_the_run_keeps_its_name(plane_run) -> None:

@@ -124,6 +124,17 @@ def test_two_processes_enhance_as_one_does(three_views, tmp_path):
     assert (two / "done").is_file()
 
 
+def test_two_processes_use_an_earlier_step_as_one_does(tmp_path):
+    from gaussian_enhancer.cli.enhance import run
+
+    fit = write_plane_run(tmp_path / "plane", steps=(4000, 16000))
+    for name, count in (("one", 1), ("two", 2)):
+        assert run(configured("enhance", f"run={fit}", f"runtime.processes={count}", f"output={tmp_path / name}")) > 0
+    for path in (tmp_path / "one").iterdir():
+        assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes()
+    assert len(list((tmp_path / "two").iterdir())) == 2
+
+
 def test_a_process_that_fails_ends_the_others():
     cfg = configured("enhance")
     with pytest.raises(InputError, match="a: is bad; mend it"):

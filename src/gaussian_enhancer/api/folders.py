@@ -101,7 +101,7 @@ def enhance_folder(
     form = None if second is None else first_form(run, gaussians)
     target_device: torch.device = choose_device("auto" if device is None else device)
     settings, pretrained = EnhancementOptions.of(**options), load_weights(weights)
-    single = {"second": second is not None, **single_step_options(weights, settings.max_references)}
+    single = {"second": second is not None, **single_step_options(pretrained, settings.max_references)}
     capture = open_capture(scene, downscale=downscale) if isinstance(scene, str | Path) else scene
     paths = InputPaths(
         run,

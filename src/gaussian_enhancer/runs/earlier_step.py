@@ -11,7 +11,7 @@ from omegaconf import DictConfig
 
 from gaussian_enhancer.align.alignment import Reprojected
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.weights import load_weights
+from gaussian_enhancer.infer.weights import Pretrained, load_weights
 from gaussian_enhancer.scene.renders import choose_step, run_steps
 from gaussian_enhancer.splat.io.result_folders import ITERATION
 
@@ -96,24 +96,21 @@ def resolve_earlier_step(cfg: DictConfig) -> DictConfig:
         "second": cfg.second is not None,
         "distil": cfg.distil,
         "budget_ms": cfg.budget_ms is not None,
-        **single_step_options(cfg.weights, cfg.max_references),
+        **single_step_options(load_weights(cfg.weights), cfg.max_references),
     }
     resolved = cfg.copy()
     resolved.earlier_step = choose_earlier_step(cfg.earlier_step, cfg.run, cfg.gaussians, cfg.step, single)
     return resolved
 
 
-def single_step_options(weights: str | Path, max_references: int | None) -> dict[str, bool]:
-    """Whether options of an enhancement are for one step: weights that do not warp references, and no references.
+def single_step_options(pretrained: Pretrained, max_references: int | None) -> dict[str, bool]:
+    """Whether options of an enhancement are for one step, by name.
 
     Args:
-        weights: shipped name or file.
+        pretrained: the weights.
         max_references: see `EnhancementOptions`.
-
-    Raises:
-        InputError: there are no such weights.
     """
     return {
-        f"weights={weights}": not isinstance(load_weights(weights).reference_config.warp, Reprojected),
+        "weights that do not warp references": not isinstance(pretrained.reference_config.warp, Reprojected),
         "max_references=0": max_references == 0,
     }
