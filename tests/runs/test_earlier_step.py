@@ -14,9 +14,12 @@ from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.runs.earlier_step import choose_earlier_step, resolve_earlier_step, splats_by_step
 from gaussian_enhancer.runs.enhancement import naming_configuration
 from gaussian_enhancer.scene.photos import read_photo
+from gaussian_enhancer.scene.renders import read_run
+from gaussian_enhancer.scene.scene import Photo, Scene
+from gaussian_enhancer.splat.io.ply import write_ply
 from support.bright_weights import bright_network
 from support.job_config import job_config
-from support.synthetic_runs import write_plane_run
+from support.synthetic_runs import coloured_sheet, write_plane_run
 
 STEPS = 1500, 4000, 9000, 16000
 
@@ -96,6 +99,25 @@ def test_a_result_folder_of_3dgs_has_earlier_splats(sheet_run, tmp_path) -> None
     assert resolved.earlier_step == 7000
     shutil.rmtree(folder / "point_cloud/iteration_7000")
     assert resolve_earlier_step(configured(f"gaussians={folder}")).earlier_step is None
+
+
+def test_the_splats_of_a_result_folder_are_combined(plane_run, tmp_path) -> None:
+    photos = tuple(
+        Photo(view.name, view.camera, view.read_photo)
+        for view in (*read_run(plane_run).targets, *read_run(plane_run).references)
+    )
+    capture = Scene("capture", photos, tuple(range(2, len(photos))), (0, 1))
+    for iteration, side in ((7000, 24), (30000, 12)):
+        folder = tmp_path / f"result/point_cloud/iteration_{iteration}"
+        folder.mkdir(parents=True)
+        write_ply(folder / "point_cloud.ply", coloured_sheet(side))
+    images = {}
+    for step in ("auto", 7000, None):
+        options = {"gaussians": tmp_path / "result", "scene": capture, "earlier_step": step, "device": "cpu"}
+        images[step] = [path.read_bytes() for path in enhance_folder(output=tmp_path / f"{step}", **options)]
+    assert len(images["auto"]) == 2
+    assert images["auto"] == images[7000]
+    assert all(both != alone for both, alone in zip(images["auto"], images[None], strict=True))
 
 
 @pytest.mark.parametrize(
