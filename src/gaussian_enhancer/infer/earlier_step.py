@@ -3,7 +3,7 @@
 An earlier step errs differently where the photos leave a fit undetermined, and a long fit often errs more there, since
 it has adapted to its own photos. Its enhanced view is used where both differ and the references decide between them.
 
-Axes: b batch, h height, w width.
+Axes: b batch, h height, w width, i j blocks.
 """
 
 import dataclasses
@@ -27,10 +27,12 @@ from gaussian_enhancer.types import NetworkInput
 
 DIFFERENCE = 0.04
 """Root mean squared difference of the enhanced views at which half of the earlier one's weight is used."""
-DIFFERENCE_WINDOW = 13
-"""Side in pixels of the windows over which that difference is averaged."""
-ERROR_WINDOW = 41
-"""Side in pixels of the windows over which the renders' errors, and their difference, are averaged."""
+BLOCK = 4
+"""Side in pixels of the blocks for which shares are computed."""
+DIFFERENCE_WINDOW = 3
+"""Side in blocks of the windows over which that difference is averaged."""
+ERROR_WINDOW = 11
+"""Side in blocks of the windows over which the renders' errors, and their difference, are averaged."""
 LEAST_ERROR = 1e-4
 """Added to mean squared errors, so that renders that enhancement hardly changes have equal weights."""
 LEAST_DIFFERENCE = 1e-6
@@ -110,12 +112,14 @@ def combine_with_earlier(
     render: Float[Tensor, "3 h w"],
     earlier_render: Float[Tensor, "3 h w"],
 ) -> Float[Tensor, "3 h w"]:
-    """The enhanced view, moved towards that of an earlier step by a share that is the product of three factors.
+    """The enhanced view, moved towards that of an earlier step by shares of blocks, interpolated between their centres.
+
+    A share is the product of three factors:
 
     - The weight of the earlier step, (e1 E1)^2 / ((e1 E1)^2 + (e2 E2)^2). Enhancement changes a render where photos
-      contradict it, so e, the estimated squared error of a render around a pixel, is its mean squared difference from
+      contradict it, so e, the estimated squared error of a render around a block, is its mean squared difference from
       the mean of both enhanced views. E is that of the whole view.
-    - d^2 / (d^2 + `DIFFERENCE`^2), where d^2 is the mean squared difference of the enhanced views around a pixel.
+    - d^2 / (d^2 + `DIFFERENCE`^2), where d^2 is the mean squared difference of the enhanced views around a block.
       Averaging blurs detail, which is worth it only where they differ clearly.
     - Evidence: 1 where enhancement removes at least half of the renders' squared difference, and 0 where it removes at
       most a fifth, since no photo decides there.
@@ -135,23 +139,23 @@ def combine_with_earlier(
     )
     evidence = ((UNDECIDED - after / before) / (UNDECIDED - DECIDED)).clamp(0, 1)
     nearby = _window_mean(difference, DIFFERENCE_WINDOW)
-    share = first / (first + second) * nearby / (nearby + DIFFERENCE**2) * evidence
-    return torch.lerp(enhanced, earlier, share.expand_as(enhanced))
+    shares = first / (first + second) * nearby / (nearby + DIFFERENCE**2) * evidence
+    fine = F.interpolate(shares[None], scale_factor=BLOCK, mode="bilinear", align_corners=False)[0]
+    height, width = enhanced.shape[-2:]
+    return torch.lerp(enhanced, earlier, fine[:, :height, :width].expand_as(enhanced))
 
 
-def _weighted_error(render: Float[Tensor, "3 h w"], truth: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 h w"]:
-    """The square of a render's estimated squared error around each pixel times that of the view."""
+def _weighted_error(render: Float[Tensor, "3 h w"], truth: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 i j"]:
+    """The square of a render's estimated squared error around each block times that of the view."""
     error = _squared_difference(render, truth)
     return ((_window_mean(error, ERROR_WINDOW) + LEAST_ERROR) * (error.mean() + LEAST_ERROR)).square()
 
 
-def _squared_difference(image: Float[Tensor, "3 h w"], other: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 h w"]:
-    """Squared difference, averaged over the colour channels."""
-    return (image - other).square().mean(0, keepdim=True)
+def _squared_difference(image: Float[Tensor, "3 h w"], other: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 i j"]:
+    """Squared difference, averaged over the colour channels and over blocks."""
+    return F.avg_pool2d((image - other).square().mean(0, keepdim=True), BLOCK, ceil_mode=True)
 
 
-def _window_mean(values: Float[Tensor, "1 h w"], side: int) -> Float[Tensor, "1 h w"]:
-    """Mean over a square window around each pixel, inside the image."""
-    half = side // 2
-    rows = F.avg_pool2d(values, (side, 1), 1, (half, 0), count_include_pad=False)
-    return F.avg_pool2d(rows, (1, side), 1, (0, half), count_include_pad=False)
+def _window_mean(blocks: Float[Tensor, "1 i j"], side: int) -> Float[Tensor, "1 i j"]:
+    """Mean over a square window around each block, inside the image."""
+    return F.avg_pool2d(blocks, side, 1, side // 2, count_include_pad=False)
