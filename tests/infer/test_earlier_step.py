@@ -75,7 +75,7 @@ def test_equal_errors_share_equally_where_the_views_differ_clearly() -> None:
 
 
 def test_slight_differences_leave_the_view_as_it_is() -> None:
-    enhanced, earlier = grey(), grey(GREY + 0.004)
+    enhanced, earlier = grey(), grey(GREY + DIFFERENCE / 10)
     shares = share(enhanced, earlier, grey(GREY - OFFSET), grey(GREY + OFFSET))
     assert 0 < float(shares.max()) < 0.01
 

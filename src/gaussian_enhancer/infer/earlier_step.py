@@ -25,7 +25,7 @@ from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import NetworkInput
 
-DIFFERENCE = 0.04
+DIFFERENCE = 0.02
 """Root mean squared difference of the enhanced views at which half of the earlier one's weight is used."""
 BLOCK = 4
 """Side in pixels of the blocks for which shares are computed."""
