@@ -37,7 +37,7 @@ LEAST_ERROR = 1e-4
 """Added to mean squared errors, so that renders that enhancement hardly changes have equal weights."""
 LEAST_DIFFERENCE = 1e-6
 """Added to mean squared differences, so that equal renders count as undecided."""
-UNDECIDED, DECIDED = 0.8, 0.5
+UNDECIDED, DECIDED = 0.75, 0.5
 """Shares of the renders' squared difference left after enhancement, at which none and all of the weight is used."""
 
 
@@ -122,7 +122,7 @@ def combine_with_earlier(
     - d^2 / (d^2 + `DIFFERENCE`^2), where d^2 is the mean squared difference of the enhanced views around a block.
       Averaging blurs detail, which is worth it only where they differ clearly.
     - Evidence: 1 where enhancement removes at least half of the renders' squared difference, and 0 where it removes at
-      most a fifth, since no photo decides there.
+      most a quarter, since no photo decides there.
 
     Args:
         enhanced: enhanced view of the last step.
