@@ -21,7 +21,7 @@ from gaussian_enhancer.types import NetworkInput, Region
 from support.synthetic_runs import write_plane_run
 
 GREY, OFFSET = 0.5, 0.2
-CONFIG = ReferenceConfig()
+CONFIG = load_weights("lr_tiny").reference_config
 
 
 def enhancer_of(weights: str, config: ReferenceConfig = CONFIG, *, ensemble: bool = True) -> SetEnhancer:
