@@ -14,8 +14,6 @@ from functools import partial
 from typing import Any
 
 import torch
-from hydra import compose
-from hydra.errors import HydraException
 from jaxtyping import Float
 from omegaconf import DictConfig
 from torch import Tensor, nn
@@ -29,6 +27,7 @@ from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.weights import Pretrained, load_weights
 from gaussian_enhancer.network.network import Network
+from gaussian_enhancer.runs.compose import compose_job
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.scene.rendered import RenderedSet
 
@@ -95,17 +94,12 @@ def built(cfg: DictConfig, name: str, device: torch.device) -> Peer:
         with torch.inference_mode():
             return Peer(name, network, network(torch.zeros(1, 3, SMALL, SMALL, device=device)).shape[-1] // SMALL)
     entry = cfg.ours[name]
-    pretrained = load_weights(entry.weights) if "weights" in entry else _untrained(list(entry.train))
+    pretrained = load_weights(entry.weights) if "weights" in entry else _untrained(cfg, list(entry.train))
     return Peer(name, _prepared(pretrained.network, device), pretrained.network.scale, pretrained)
 
 
-def _untrained(train: list[str]) -> Pretrained:
-    try:
-        job = compose("train", train)
-    except HydraException as error:
-        raise InputError(
-            f"train {' '.join(train)}", f"is refused ({str(error).splitlines()[0]})", "correct the override"
-        ) from error
+def _untrained(cfg: DictConfig, train: list[str]) -> Pretrained:
+    job = compose_job("train", cfg, train)
     network: Network = build(job.fusion)
     config: ReferenceConfig = build(job.reference_config)
     return Pretrained(network, config, {})

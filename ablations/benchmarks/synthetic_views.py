@@ -14,6 +14,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.scene.cameras import Side, write_cameras
+from gaussian_enhancer.scene.high_resolution import UPSCALE
 from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.scene.in_memory import read_once
 from gaussian_enhancer.scene.photos import resize
@@ -25,7 +26,6 @@ from gaussian_enhancer.scene.scene import Scene
 
 DRAWN = 504
 REFERENCES = 5
-FINER = 4
 STEP = 1
 """Training step that the folder's names state."""
 
@@ -95,7 +95,7 @@ def read_views(folder: Path) -> RenderedSet:
 def _with_fine(view: RenderedView, folder: Path) -> RenderedView:
     if view.camera is None:
         raise ValueError(f"{view.name} has no camera")
-    height, width = FINER * view.camera.height, FINER * view.camera.width
+    height, width = UPSCALE * view.camera.height, UPSCALE * view.camera.width
     return replace(view, read_fine_photo=ReadPhoto(folder / "fine" / view.name, height, width, (0.0, 0.0, 0.0)))
 
 
@@ -126,5 +126,5 @@ def _view(scene: Scene, index: int, family: str, finer: bool) -> RenderedView:
     def alpha() -> Float[Tensor, "1 h w"]:
         return torch.ones(1, height, width)
 
-    fine = functools.partial(read_photo, FINER) if finer else None
+    fine = functools.partial(read_photo, UPSCALE) if finer else None
     return RenderedView(photo.name, read, photo.camera, photo.read_depth, alpha, read_photo, fine)

@@ -3,6 +3,8 @@
 It is compared with the spread of real renders of the view, which come from runs of the same scene with other methods,
 training views or snapshots. Each real render has a simulated counterpart with its own seed, so both spreads are over
 the same number of samples. A simulator whose spread is far below the real one has collapsed.
+
+Axes: n samples, c channels, h height, w width.
 """
 
 import statistics
@@ -10,16 +12,34 @@ from collections import defaultdict
 
 import pandas as pd
 import torch
+from jaxtyping import Float
 from omegaconf import DictConfig
+from torch import Tensor
 
-from ablations.realism.diversity import diversity
 from ablations.realism.patches import RenderPair
 from ablations.realism.realism import RealRender, Row, simulated_pairs
+from ablations.realism.simulators import rows
 from ablations.scripts.realism import chosen, print_row
-from ablations.scripts.simulators import rows
 from ablations.study.engine import Study, job
 from ablations.study.processor import refuse_gpu
 from gaussian_enhancer.errors import InputError
+
+
+def diversity(samples: Float[Tensor, "n c h w"]) -> float:
+    """Mean over pixels and channels of the standard deviation (ddof 1) over samples.
+
+    Renders and their differences from the photo have the same diversity. The estimate grows slightly with n, so compare
+    only sets with the same number of samples.
+
+    Args:
+        samples: renders of one view, simulated with several seeds or fitted in several ways.
+
+    Raises:
+        InputError: there is a single sample.
+    """
+    if len(samples) < 2:
+        raise InputError("samples", f"has {len(samples)}", "give at least two of the same view")
+    return samples.double().std(dim=0, correction=1).mean().item()
 
 
 def same_views(pairs: list[RenderPair]) -> list[list[RenderPair]]:

@@ -38,7 +38,7 @@ from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.path_references import PathReferences
 from gaussian_enhancer.infer.temporal_smoothing import PreviousChange, smooth_change
 from gaussian_enhancer.metrics.records import Record
-from gaussian_enhancer.runs.inputs import render_capture
+from gaussian_enhancer.runs.rendered_capture import render_capture
 from gaussian_enhancer.scene.cameras import read_cameras
 from gaussian_enhancer.scene.in_memory import read_once
 from gaussian_enhancer.scene.path import short_tour, smooth_path

@@ -18,8 +18,8 @@ from omegaconf import DictConfig
 
 from ablations.realism.patches import cut_patches
 from ablations.realism.realism import RealRender, Row, distances, real_renders, simulated_pairs
+from ablations.realism.simulators import rows
 from ablations.realism.two_sample import two_sample_test
-from ablations.scripts.simulators import rows
 from ablations.study.engine import Study, job
 from ablations.study.fits import finished_runs
 from ablations.study.processor import refuse_gpu

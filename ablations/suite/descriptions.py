@@ -17,6 +17,9 @@ from ablations.suite.evaluation import StudyCell
 from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.runs.instantiate import plain_values
 
+FOLDER = Path(__file__).resolve().parents[1]
+"""The folder of tables and studies."""
+
 USUAL = "usual"
 """The training of a method that names none, among those that a scale describes."""
 
@@ -43,18 +46,6 @@ class Experiment:
         return self.table.seeds if self.table.methods[method].train else (None,)
 
 
-def ablations() -> Path:
-    """The folder of tables and studies.
-
-    Raises:
-        InputError: it is missing.
-    """
-    folder = Path(__file__).resolve().parents[1]
-    if not (folder / "paper.yaml").is_file():
-        raise InputError(folder / "paper.yaml", "is missing from the installation", "install the package again")
-    return folder
-
-
 def known_names() -> dict[str, tuple[str, ...]]:
     """The names of all tables and figures, and of all studies."""
 
@@ -62,8 +53,8 @@ def known_names() -> dict[str, tuple[str, ...]]:
         kind, _, number = path.stem.rpartition("_")
         return ("" if kind == "table" else kind, int(number))
 
-    tables = sorted((ablations() / "tables").glob("*.yaml"), key=order)
-    studies = sorted((ablations() / "studies").glob("*.yaml"))
+    tables = sorted((FOLDER / "tables").glob("*.yaml"), key=order)
+    studies = sorted((FOLDER / "studies").glob("*.yaml"))
     return {"all": tuple(path.stem for path in tables), "studies": tuple(path.stem for path in studies)}
 
 
@@ -100,7 +91,7 @@ def read_experiment(name: str, scale: DictConfig) -> Experiment:
     Raises:
         InputError: the file or the scale lacks a value, or has an invalid one.
     """
-    path = next(iter(ablations().glob(f"*/{name}.yaml")))
+    path = next(iter(FOLDER.glob(f"*/{name}.yaml")))
     try:
         study = plain_values(OmegaConf.load(path))  # type: ignore[arg-type]
         rows = method_rows(study)
@@ -145,7 +136,7 @@ def method_rows(study: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     methods = study["methods"]
     if isinstance(methods, Mapping):
         return {str(method): values for method, values in methods.items()}
-    shared = plain_values(OmegaConf.load(ablations() / "methods.yaml"))  # type: ignore[arg-type]
+    shared = plain_values(OmegaConf.load(FOLDER / "methods.yaml"))  # type: ignore[arg-type]
     refuse_unknown("methods", methods, shared)
     return {method: shared[method] for method in methods}
 
@@ -161,7 +152,7 @@ def paper_values(study: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, .
     name = study.get("paper")
     if name is None:
         return {}
-    tables = _papers_tables(ablations() / "paper.yaml")
+    tables = _papers_tables(FOLDER / "paper.yaml")
     if name not in tables:
         raise InputError(f"paper: {name}", "is none of the paper's tables", f"choose {', '.join(tables)}")
     values = dict(tables[name])

@@ -14,9 +14,9 @@ from torch import Tensor
 from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.runs import status
 from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos, high_resolution_config
-from gaussian_enhancer.runs.inputs import render_capture
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.output import read_original_size
+from gaussian_enhancer.runs.rendered_capture import render_capture
 from gaussian_enhancer.runs.run import find_run, open_run
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.high_resolution import UPSCALE

@@ -14,13 +14,13 @@ from ablations.suite.evaluation import compose_checked, with_plan
 from ablations.suite.method_runs import Runs
 from ablations.tradeoff.settings import NULL_NETWORKS, Setting
 from gaussian_enhancer.align.references import ReferenceConfig
-from gaussian_enhancer.cli.enhance import load_enhancement
 from gaussian_enhancer.cli.train import naming_configuration
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.network.pyramid import upsample_bicubic
+from gaussian_enhancer.runs.enhancement import load_enhancement
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import find_run
 from gaussian_enhancer.scene.rendered import RenderedSet

@@ -9,7 +9,6 @@ from omegaconf import OmegaConf
 from PIL import Image
 
 from ablations.benchmarks.viewer_speed import parse_status, quote, words_of
-from gaussian_enhancer.types import identity_camera
 from gaussian_enhancer.viewer.controls import status
 from gaussian_enhancer.viewer.modes import Mode
 from gaussian_enhancer.viewer.stage import StageView, Times
@@ -18,7 +17,7 @@ from gaussian_enhancer.viewer.stage import StageView, Times
 def test_the_pages_line_is_read():
     image, plane = torch.zeros(3, 8, 20), torch.ones(1, 8, 20)
     for enhanced, times, total in ((image, Times(10.0, 20.0, 30.4), 60), (None, Times(10.0), 10)):
-        view = StageView(identity_camera(8, 20, 20.0), image, plane, plane, enhanced, None, (), times)
+        view = StageView(image, plane, plane, enhanced, None, (), times)
         told = status(12, image, view, Mode("wipe")).replace("**", "")
         assert parse_status(f"gaussian-enhancer {told} Show mode") == (total, 20, 8, 12)
     assert parse_status("Waiting for the first picture.") is None

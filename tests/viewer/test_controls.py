@@ -8,7 +8,6 @@ import pytest
 import torch
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.types import identity_camera
 from gaussian_enhancer.viewer.controls import Controls, status
 from gaussian_enhancer.viewer.modes import Mode
 from gaussian_enhancer.viewer.stage import StageView, Times
@@ -26,7 +25,7 @@ def server() -> Iterator[Any]:
 def view(**changes: Any) -> StageView:
     render = torch.full((3, 8, 20), 0.5)
     default_view = StageView(
-        identity_camera(8, 20, 20.0), render, torch.ones(1, 8, 20), torch.ones(1, 8, 20), render,
+        render, torch.ones(1, 8, 20), torch.ones(1, 8, 20), render,
         torch.ones(1, 8, 20), ("a.png",), Times(10.0, 20.0, 30.4),
     )  # fmt: skip
     return dataclasses.replace(default_view, **changes)

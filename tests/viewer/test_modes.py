@@ -5,7 +5,6 @@ import torch
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.report.figures import colour_map
-from gaussian_enhancer.types import identity_camera
 from gaussian_enhancer.viewer.modes import MAX_DIFFERENCE, MODES, Mode
 from gaussian_enhancer.viewer.stage import StageView, Times
 
@@ -19,8 +18,7 @@ def view(scale: int = 1) -> StageView:
     depth[:, :, 10:] = 4.0
     depth[:, 0] = 0.0
     coverage[:, :, :5] = 1.0
-    camera = identity_camera(8, 20, 20.0)
-    return StageView(camera, render, depth, torch.ones(1, 8, 20), enhanced, coverage, ("a.png",), Times(1.0, 2.0, 3.0))
+    return StageView(render, depth, torch.ones(1, 8, 20), enhanced, coverage, ("a.png",), Times(1.0, 2.0, 3.0))
 
 
 def test_render_and_enhanced_alone():

@@ -11,7 +11,8 @@ from omegaconf import DictConfig, open_dict
 from rich.console import Console
 
 from gaussian_enhancer.checkpoint import find_checkpoint
-from gaussian_enhancer.cli.pipeline import enhance_run, fit_run, measure_run
+from gaussian_enhancer.cli.measure import write_measurement
+from gaussian_enhancer.cli.pipeline import enhance_run, fit_run
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.metrics.comparison import compare, gain_table, pair_records, view_table
 from gaussian_enhancer.report.measured_run import open_measured, write_page
@@ -35,12 +36,14 @@ def run(cfg: DictConfig) -> float | None:
     console.rule("2 of 3  enhance the held-out views", align="left")
     folder = enhance_run(compose_job("enhance", cfg, run=str(fit_folder), weights=cfg.weights))
     console.rule("3 of 3  measure and show", align="left")
-    measure_job = compose_job("measure", cfg, run=str(folder), lpips=cfg.lpips, backbones=cfg.backbones)
-    records, folder = measure_run(measure_job, fit_folder)
+    scene_name, splat_name, _ = fit_folder.name.rsplit("-", 2)
+    values = {"run": str(folder), "scene_name": scene_name, "splat_name": splat_name}
+    measure_job = compose_job("measure", cfg, lpips=cfg.lpips, backbones=cfg.backbones, **values)
+    records, folder = write_measurement(measure_job)
     measured_run = open_measured(folder)
-    demo_run = open_run(cfg, "demo", measure_job.scene_name)
+    demo_run = open_run(cfg, "demo", scene_name)
     page = demo_run.folder / "report.html"
-    write_page(page, measured_run, title=f"{measure_job.scene_name}: sparse {measure_job.splat_name}, enhanced")
+    write_page(page, measured_run, title=f"{scene_name}: sparse {splat_name}, enhanced")
     demo_run.finish()
     pairs = pair_records(records)
     print(gain_table(pairs).markdown(), view_table(pairs).markdown(), sep="\n", end="")

@@ -15,7 +15,6 @@ from gaussian_enhancer.distil.task import (
     read_enhancer,
 )
 from gaussian_enhancer.infer.enhancer import SetEnhancer
-from gaussian_enhancer.runs import status
 from gaussian_enhancer.runs.fit_records import held_out_psnr, write_fit_records
 from gaussian_enhancer.runs.run import Run, open_run
 from gaussian_enhancer.runs.runtime import start
@@ -58,8 +57,7 @@ def distil_run(cfg: DictConfig) -> Run:
     if not job.done:
         for warning in task.mismatch_warnings():
             print_line(console, f"WARNING: {warning}")
-        with status.discard_if_refused(job.folder):
-            _run_distillation(job, task, enhancer, cfg, console)
+        _run_distillation(job, task, enhancer, cfg, console)
     psnr_before, psnr_after = held_out_psnr(job.folder)
     quality = "no view held out" if psnr_after is None else f"held-out PSNR {psnr_before:.2f} -> {psnr_after:.2f} dB"
     print_line(console, f"{job.folder}: {quality}")

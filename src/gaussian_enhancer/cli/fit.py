@@ -6,7 +6,6 @@ from omegaconf import DictConfig
 from rich.console import Console
 
 from gaussian_enhancer.console import print_line
-from gaussian_enhancer.runs import status
 from gaussian_enhancer.runs.fit_records import held_out_psnr, write_fit_records
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import open_run
@@ -43,10 +42,9 @@ def run(cfg: DictConfig) -> float | None:
     if not job.done:
         stopwatch = Stopwatch(bool(cfg.profile))
         resumed, started = holds_checkpoint(job.folder), time.monotonic()
-        with status.discard_if_refused(job.folder):
-            gaussians = fit(
-                scene, method, job.folder, settings, device=device, progress=cfg.runtime.progress, stopwatch=stopwatch
-            )
+        gaussians = fit(
+            scene, method, job.folder, settings, device=device, progress=cfg.runtime.progress, stopwatch=stopwatch
+        )
         seconds = None if resumed else time.monotonic() - started
         write_fit_records(job, scene, method.name, settings.snapshot_steps(), seconds, len(gaussians))
         job.finish()

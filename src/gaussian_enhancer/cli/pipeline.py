@@ -1,4 +1,4 @@
-"""The jobs fit, enhance and measure, run one after the other: from a scene to records.
+"""The jobs fit and enhance, run one after the other: from a scene to enhanced views.
 
 Each step is the job that a user would start by hand, with the configuration from the job's own file. A finished fit or
 enhancement is not repeated.
@@ -9,11 +9,10 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from gaussian_enhancer.cli import enhance, fit
-from gaussian_enhancer.cli.measure import write_measurement
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.runs import status
 from gaussian_enhancer.runs.earlier_step import resolve_earlier_step
+from gaussian_enhancer.runs.enhancement import naming_configuration
 from gaussian_enhancer.runs.run import Run, find_run
 
 
@@ -32,7 +31,7 @@ def fit_run(job: DictConfig, refusal: InputError | None = None) -> Run:
         return existing
     if refusal is not None:
         raise refusal
-    with status.track_runs():
+    with status.track_runs(discard=True):
         fit.run(job)
     return _finished_run(job, "fit")
 
@@ -50,25 +49,11 @@ def enhance_run(job: DictConfig) -> Path:
         InputError: the weights do not exist or cannot be used.
     """
     job = resolve_earlier_step(job)
-    naming_configuration = enhance.naming_configuration(job)
-    existing = find_run(naming_configuration, "enhance")
+    named = naming_configuration(job)
+    existing = find_run(named, "enhance")
     if existing is None or not existing.done:
         enhance.run(job)
-    return _finished_run(naming_configuration, "enhance").folder
-
-
-def measure_run(job: DictConfig, fit_folder: Path) -> tuple[tuple[Record, ...], Path]:
-    """Measure an enhanced run.
-
-    Args:
-        job: configuration of the job ``measure``.
-        fit_folder: the fit's folder, named scene-method-digest; the records take scene and splat from it.
-
-    Returns:
-        The records and their folder.
-    """
-    job.scene_name, job.splat_name, _ = fit_folder.name.rsplit("-", 2)
-    return write_measurement(job)
+    return _finished_run(named, "enhance").folder
 
 
 def _finished_run(job: DictConfig, name: str) -> Run:

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
-from yaml import YAMLError  # type: ignore[import-untyped]
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_json, write_text
+from gaussian_enhancer.input_files import read_configuration
 from gaussian_enhancer.runs import lock, status
 from gaussian_enhancer.runs.instantiate import require
 
@@ -100,26 +100,11 @@ def _check_folder(folder: Path, digest: str, job: str) -> str | None:
     if finished is not None and finished != digest:
         raise InputError(folder, f"holds another finished run ({finished})", REMEDY)
     if finished is None and (folder / "config.yaml").is_file() and not status.holds_no_result(folder):
-        stored = stored_digest(folder / "config.yaml")
+        stored = digest_of(read_configuration(folder / "config.yaml"))
         if stored != digest:
             received = f"holds an unfinished run of another configuration ({stored})"
             raise InputError(folder, received, f"{REMEDY}, or use that configuration to resume it")
     return finished
-
-
-def stored_digest(file: Path) -> str:
-    """The digest of the run whose configuration a file holds.
-
-    Raises:
-        InputError: the file is not a configuration.
-    """
-    try:
-        values = OmegaConf.to_container(OmegaConf.load(file), resolve=False)
-    except (OSError, ValueError, YAMLError) as error:
-        raise InputError(file, f"cannot be read ({str(error).splitlines()[0]})", REMEDY) from error
-    if not isinstance(values, dict):
-        raise InputError(file, "is no configuration", REMEDY)
-    return digest_of({str(key): value for key, value in values.items()})
 
 
 def find_run(cfg: DictConfig, job: str) -> Run | None:

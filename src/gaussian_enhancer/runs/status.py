@@ -113,21 +113,6 @@ def track_runs(discard: bool = False) -> Iterator[None]:
                 (folder / RUNNING).unlink(missing_ok=True)
 
 
-@contextmanager
-def discard_if_refused(folder: Path) -> Iterator[None]:
-    """Remove a run's configuration and status files if it is refused inside the context before it wrote a result.
-
-    Args:
-        folder: folder of the run.
-    """
-    try:
-        yield
-    except (InputError, OSError):
-        if holds_no_result(folder):
-            _discard_marks(folder)
-        raise
-
-
 def holds_no_result(folder: Path) -> bool:
     """Whether a folder holds only a run's configuration and status files."""
     return {path.name for path in folder.iterdir()} <= BEFORE_RESULTS

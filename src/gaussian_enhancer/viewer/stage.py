@@ -47,7 +47,6 @@ class StageView:
     """The view of a camera, rendered and enhanced.
 
     Args:
-        camera: camera of the render.
         render: the splat's colours, [0, 1].
         depth: rendered z, 0 where nothing was hit.
         alpha: rendered opacity.
@@ -57,7 +56,6 @@ class StageView:
         times: run times.
     """
 
-    camera: Camera
     render: Float[Tensor, "3 h w"]
     depth: Float[Tensor, "1 h w"]
     alpha: Float[Tensor, "1 h w"]
@@ -122,7 +120,7 @@ class Stage:
         if pixels.depth is None or pixels.alpha is None:
             raise ValueError("a splat's view has depth and opacity")
         rendering = 1e3 * (time.perf_counter() - started)
-        fields = camera, pixels.image, pixels.depth, pixels.alpha
+        fields = pixels.image, pixels.depth, pixels.alpha
         if not enhance:
             return StageView(*fields, None, None, (), Times(rendering))
         if superseded is not None and superseded():

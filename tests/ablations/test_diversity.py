@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from ablations.realism.diversity import diversity
+from ablations.scripts.diversity import diversity
 from gaussian_enhancer.errors import InputError
 
 
