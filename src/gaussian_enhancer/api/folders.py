@@ -73,7 +73,7 @@ def enhance_folder(
         second: another splat of the same capture, a folder beside ``run`` or a file beside ``gaussians``. The enhanced
             views of both are averaged, which takes twice as long.
         earlier_step: for a run, or a result folder of the original 3DGS: the renders of this earlier step are enhanced
-            as well, and used where photos decide for them, which gains more and takes about 1.4 times as long. "auto"
+            as well, and used where photos decide for them, which gains more and takes about 1.3 times as long. "auto"
             takes the step nearest to a fifth of the fit, from 3000 on, if there is one, and no step beside ``second``
             and ``max_references=0``, or for weights that do not warp references; None uses none.
         scene: the capture: its folder (COLMAP, nerfstudio, NeRF-Synthetic, OpenSfM), or an opened `Scene`.
