@@ -101,7 +101,7 @@ def held_views(cfg: DictConfig, fit: Path, study: TradeoffStudy) -> tuple[Render
     """
     job = compose_checked("enhance", cfg, ())
     with open_dict(job):
-        job.run = str(fit)
+        job.update({"run": str(fit), "earlier_step": None})
     task = read_task(job, "cpu", study.finer)
     if study.finer and task.note:
         raise InputError(fit, task.note, "give scenes with photos of 4 times the resolution")

@@ -80,7 +80,7 @@ class SettingLoader:
         """
         job = compose_checked("enhance", self.cfg, with_plan(setting.enhance))
         with open_dict(job):
-            job.update({"weights": weights, "run": str(run)})
+            job.update({"weights": weights, "run": str(run), "earlier_step": None})
         enhancer, *_ = load_enhancement(job, self.device)
         if setting.compiled:
             if setting.name not in self._compiled:  # once: compiling takes a minute
