@@ -50,7 +50,7 @@ HELD_OUT_GROWTH: Mapping[str, Growth] = {
 """Growth of each energy from training views, where fingerprints are measured, to held-out views, which are simulated.
 
 Fitted by least squares in the logarithms over 72 snapshots of 24 training runs (docs/results/fingerprints.jsonl, made
-by ablations/scripts/fingerprints.py). Single scenes deviate strongly, for low frequencies by a factor of three in either
+by ablations/fingerprints.py). Single scenes deviate strongly, for low frequencies by a factor of three in either
 direction. A capture with enough photos should be calibrated on held-out photos, without growth.
 """
 
