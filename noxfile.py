@@ -35,8 +35,8 @@ def run_tests(session: nox.Session, *chosen: str) -> None:
 
     If a process dies, the run ends and names the test: pytest-xdist can hang if it replaces the process. Idle OpenMP
     threads sleep, as in the command line: threads that spin would slow the other processes down. Three short fits
-    compile the kernels of fitting first: a process that compiles them computes other last bits than one that finds them
-    in the cache, and tests compare what several processes make.
+    and an enhancement compile the kernels first: a process that compiles them computes other last bits than one that
+    finds them in the cache, and tests compare what several processes make.
     """
     install(session, "test")
     fits = Path(session.create_tmp()) / "fits"
@@ -46,6 +46,8 @@ def run_tests(session: nox.Session, *chosen: str) -> None:
         size = ("scene=object", "scene.views=8", "scene.height=32", "scene.width=48", "settings.steps=3")
         splats = "splat=3dgs,2dgs,mip_splatting"
         session.run("gaussian-enhancer", "fit", "-m", splats, *size, "runtime.progress=false", silent=True)
+        enhanced = f"run={next((fits / 'runs/fit').iterdir())}"
+        session.run("gaussian-enhancer", "enhance", "-m", enhanced, "weights=lr_tiny,sr_tiny", silent=True)
     processes = ("--numprocesses=logical", "--maxprocesses=4", "--dist=loadfile", "--max-worker-restart=0")
     waiting = {"OMP_WAIT_POLICY": "PASSIVE", "GOMP_SPINCOUNT": "10000"}
     session.run("pytest", *processes, *chosen, *session.posargs, env=waiting)

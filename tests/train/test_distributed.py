@@ -19,8 +19,8 @@ from gaussian_enhancer.train.processes import launch
 from gaussian_enhancer.train.samples import prepare_samples
 from gaussian_enhancer.train.share import SharedBatches, SharedCrops
 from support.command import run_command
-from support.failing_processes import dies, refuses
 from support.job_config import job_config
+from support.process_work import dies, notes_its_end, refuses
 from support.synthetic_runs import write_plane_run
 
 FAST = ("lr_scheduler.lr_lambda.warmup=1", "callbacks.ema.multi_avg_fn.decay=0.5")
@@ -141,6 +141,11 @@ def test_a_process_that_fails_ends_the_others():
         launch(refuses, cfg, "cpu", 2)
     with pytest.raises(LostProcessError, match="one of 2 processes was killed"):
         launch(dies, cfg, "cpu", 2)
+
+
+def test_processes_leave_their_group_before_they_end(tmp_path):
+    launch(notes_its_end, configured("enhance"), "cpu", 2, tmp_path)
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"0": "False", "1": "False"}
 
 
 @pytest.mark.slow
