@@ -5,6 +5,7 @@ worker was killed, and computes each key once, however many jobs ask for it. A f
 scheduler considers lost from making a run at the same time as the worker that replaces it.
 """
 
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -118,6 +119,7 @@ def worker_count(cfg: DictConfig) -> int:
 def _client(cfg: DictConfig, workers: int) -> Client:
     """A client of the scheduler at the user's address, or of a new cluster of processes on this machine."""
     if not cfg.scheduler:
+        logging.getLogger("distributed").setLevel(logging.WARNING)  # not each start and end of a connection
         options = {"threads_per_worker": 1, "processes": True, "memory_limit": 0, "dashboard_address": None}
         return _LocalClient(LocalCluster(n_workers=workers, **options))
     try:

@@ -71,6 +71,8 @@ def test_every_study_is_a_table_at_every_scale(name, scale) -> None:
     for dataset in one.table.datasets.values():
         assert dataset.scenes
         assert dataset.stand_in or scale.name == "paper"
+    scenes = [scene for dataset in one.table.datasets.values() for scene in dataset.scenes]
+    assert len(scenes) == len(set(scenes))  # records of a table name the scene, not the dataset
     if one.table.kind == "repeats":
         assert len(one.table.seeds) >= (2 if scale.name == "smoke" else 3)
 
