@@ -2,10 +2,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.metrics.image_folders import Label, measure_files, pair_folders, pair_run
+from gaussian_enhancer.metrics.image_folders import Label, image_digest, measure_files, pair_folders, pair_run
+from gaussian_enhancer.scene.photos import read_photo
 
 LABEL = Label("run", "fox", "3dgs", "enhanced")
 
@@ -74,6 +76,15 @@ def test_records_name_what_was_measured(folders: Path) -> None:
     first, _ = measure_files(pair_folders(folders / "images", folders / "photos", LABEL))
     assert (first.kind, first.run, first.scene, first.view, first.size) == ("quality", "run", "fox", "a.png", (24, 20))
     assert first.metrics["psnr"] == pytest.approx(-20 * np.log10(9 / 255), abs=0.5)  # the photo went through JPEG
+
+
+def test_records_tell_whether_they_had_the_same_photo(folders: Path) -> None:
+    first, second = measure_files(pair_folders(folders / "images", folders / "photos", LABEL))
+    assert first.photo == second.photo == image_digest(read_photo(folders / "photos" / "a.JPG"))
+    save(folders / "photos" / "b.JPG", 111)
+    kept, changed = measure_files(pair_folders(folders / "images", folders / "photos", LABEL))
+    assert kept.photo == first.photo != changed.photo
+    assert image_digest(torch.zeros(3, 2, 4)) != image_digest(torch.zeros(3, 4, 2))
 
 
 def test_a_run_has_raw_and_enhanced_against_its_photos(tmp_path: Path) -> None:

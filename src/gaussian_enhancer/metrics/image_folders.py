@@ -3,9 +3,13 @@
 File names and sizes are checked, from the file headers, before any pixels are read.
 """
 
+import hashlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import torch
+from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.lpips import PerceptualDistance
@@ -148,7 +152,21 @@ def measure_files(
             reasons=measured.reasons,
             size=(image.shape[2], image.shape[1]),
             protocol=PROTOCOL,
+            photo=image_digest(photo),
         )
+
+
+def image_digest(image: Tensor) -> str:
+    """Digest of an image's 8-bit pixels, so that records tell whether two measurements had the same photo.
+
+    Args:
+        image: (3, h, w), values from 0 to 1.
+
+    Returns:
+        12 hexadecimal digits of SHA-256.
+    """
+    pixels = (255 * image).round().to(torch.uint8).contiguous()
+    return hashlib.sha256(str(tuple(pixels.shape)).encode() + pixels.numpy().tobytes()).hexdigest()[:12]
 
 
 def _check_sizes(image: Path, photo: Path, mask: Path | None) -> None:

@@ -30,7 +30,7 @@ HIGHER_IS_BETTER = {
 }
 """Whether a higher value of a metric is better; None if neither direction is better."""
 
-LATER_FIELDS: dict[str, Any] = {"seed": None, "sources": {}, "weights": ""}
+LATER_FIELDS: dict[str, Any] = {"seed": None, "sources": {}, "weights": "", "photo": ""}
 """Fields added later, with default values. Defaults are not written, so that older lines keep their checksums."""
 
 
@@ -60,6 +60,8 @@ class Record:
         sources: the runs that the result came from, by job: {"fit": folder name, "train": ..., "enhance": ...}.
         weights: digest of the weights that made the image (`gaussian_enhancer.checkpoint.checkpoint_digest`); empty
             if no weights were used, and in older records without this field.
+        photo: digest of the photo that the image was compared with; empty if there was none, and in records before 29
+            November 2026.
     """
 
     kind: str
@@ -78,6 +80,7 @@ class Record:
     seed: int | None = None
     sources: dict[str, str] = field(default_factory=dict)
     weights: str = ""
+    photo: str = ""
 
     def __post_init__(self) -> None:
         unexplained = [name for name, value in self.metrics.items() if value is None and name not in self.reasons]
