@@ -17,6 +17,7 @@ from ablations.study.results import Results
 from ablations.study.sections import distinct_values
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
+from gaussian_enhancer.metrics.lpips import NO_BACKBONE, VARIANTS, backbone_place
 from gaussian_enhancer.metrics.records import HIGHER_IS_BETTER, MISSING, Record
 
 
@@ -67,6 +68,7 @@ def page(folder: Path, table: StudyTable, rendered: RenderedTable, records: Sequ
         parts.append(markdown(block.map(_cell)))
     parts += [f"{_reading(table)}\n", "## Methods\n", _methods(study)]
     notes = "".join(f"- [{number}] {escape_markdown(note)}\n" for number, note in enumerate(rendered.notes, 1))
+    notes += "".join(f"- {escape_markdown(place)}\n" for place in _backbone_places(table))
     parts += ["## Missing\n", notes or "Nothing.\n", *_uncovered_note(table), "## Where the numbers come from\n"]
     parts.append("".join(f"- {label}: {escape_markdown(text)}\n" for label, text in sources(folder, study, records)))
     return "\n".join(parts)
@@ -180,7 +182,8 @@ def _latex(folder: Path, table: StudyTable, rendered: RenderedTable, records: Se
     study = table.study
     picture = f"{study.name}.png" if study.kind == "images" and (folder / f"{study.name}.png").is_file() else ""
     lines = [f"{label}: {text}." for label, text in sources(folder, study, records)]
-    remarks = [_reading(table), *(part.strip() for part in _uncovered_note(table)), *lines]
+    places = [f"{place}." for place in _backbone_places(table)]
+    remarks = [_reading(table), *places, *(part.strip() for part in _uncovered_note(table)), *lines]
     return latex.latex_float(rendered, study.name, caption(study, records), remarks, picture)
 
 
@@ -202,6 +205,16 @@ def _uncovered_note(table: StudyTable) -> list[str]:
     )
     count = len(uncovered)
     return [f"{count} records are of what the table does not ask for, and are in no number: {', '.join(places)}.\n"]
+
+
+def _backbone_places(table: StudyTable) -> list[str]:
+    """For every metric without a backbone, which file to put where, unless the reason in the records says so."""
+    places = []
+    for metric in table.study.metrics:
+        reasons = [reason for line in table.lines for reason in line.numbers[metric].reasons if NO_BACKBONE in reason]
+        if metric in VARIANTS and any(backbone_place(metric) not in reason for reason in reasons):
+            places.append(f"To measure {table.quantities[metric].label}: {backbone_place(metric)}")
+    return places
 
 
 def _picture(folder: Path, study: TableDescription) -> str:

@@ -1,10 +1,14 @@
 """Formats frames and texts as Markdown. Cells are not padded, so a line of a table changes only with its numbers."""
 
+import re
 from collections.abc import Iterable, Sequence
 
 import pandas as pd
 
 from gaussian_enhancer.metrics.comparison import Table, format_value
+
+COMMAND = re.compile(r"(python -c '[^']*')")
+"""A command in a text, which is printed as code."""
 
 
 def frame(columns: Sequence[str], lines: Iterable[Sequence[str]]) -> pd.DataFrame:
@@ -19,8 +23,11 @@ def markdown(table: pd.DataFrame) -> str:
 
 
 def escape_markdown(text: str) -> str:
-    """Text in one line, with HTML tags and emphasis escaped."""
-    return " ".join(text.replace("<", "&lt;").replace("*", r"\*").split())
+    """Text in one line, with HTML tags and emphasis escaped; commands are code."""
+    parts = COMMAND.split(" ".join(text.split()))  # every second part is a command
+    escaped = [part.replace("<", "&lt;").replace("*", r"\*") for part in parts]
+    escaped[1::2] = [f"`{command}`" for command in parts[1::2]]
+    return "".join(escaped)
 
 
 def format_gain_with_interval(metric: str, gain: float, low: float, high: float) -> str:

@@ -9,7 +9,9 @@ import pytest
 from PIL import Image
 
 from gaussian_enhancer.cli import main as cli
+from gaussian_enhancer.metrics.lpips import backbone_place
 from gaussian_enhancer.metrics.records import read_records
+from support.stand_in_backbone import write_vgg
 
 
 @pytest.fixture(autouse=True)
@@ -84,4 +86,20 @@ def test_a_metric_without_backbone_is_told_and_not_left_out(
     records = read_records(measure("images=raw", "photos=photos", "lpips=[lpips_vgg]") / "records.jsonl")
     assert records[0].metrics["lpips_vgg"] is None
     assert records[0].reasons["lpips_vgg"].startswith("not measured: no backbone")
-    assert "not measured: no backbone; get it with:" in capsys.readouterr().out
+    assert f"not measured: no backbone; {backbone_place('lpips_vgg')}" in capsys.readouterr().out
+
+
+def test_both_distances_by_vgg_are_measured_once_the_backbone_is_in_the_data_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TORCH_HOME", str(tmp_path / "empty"))
+    monkeypatch.setenv("GAUSSIAN_ENHANCER_DATA", str(tmp_path / "data"))
+    names = ("lpips_vgg", "lpips_vgg_raw")
+    words = ("images=raw", "photos=photos", f"lpips=[{','.join(names)}]")
+    assert set(read_records(measure(*words) / "records.jsonl")[0].reasons) == set(names)
+    write_vgg(tmp_path / "data/lpips/vgg16_features.pth")
+    for record in read_records(measure(*words) / "records.jsonl"):
+        assert not record.reasons
+        assert record.metrics["lpips_vgg"] > 0
+        assert record.metrics["lpips_vgg_raw"] > 0
+        assert record.metrics["lpips_vgg"] != record.metrics["lpips_vgg_raw"]

@@ -7,8 +7,9 @@ import torchvision
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics import lpips
-from gaussian_enhancer.metrics.lpips import BACKBONES, VARIANTS, perceptual_distance
+from gaussian_enhancer.metrics.lpips import BACKBONES, VARIANTS, backbone_place, perceptual_distance
 from gaussian_enhancer.scene.photos import read_photo
+from support.stand_in_backbone import write_vgg
 
 DATA = Path(os.environ.get("GAUSSIAN_ENHANCER_DATA", ""))
 
@@ -30,13 +31,28 @@ def squeeze() -> dict[str, torch.Tensor]:
 
 
 @pytest.mark.parametrize("name", VARIANTS)
-def test_without_a_backbone_the_reason_names_the_command(name: str) -> None:
+def test_without_a_backbone_the_reason_names_files_folder_and_command(name: str) -> None:
     distance = perceptual_distance(name)
     assert distance.network is None
-    assert distance.reason.startswith("not measured: no backbone; get it with: python -c ")
+    assert distance.reason.startswith(f"not measured: no backbone; {backbone_place(name)}, or get it with: python -c ")
+    assert "into the folder $GAUSSIAN_ENHANCER_DATA/lpips or into one given as backbones=FOLDER" in distance.reason
+    assert BACKBONES[VARIANTS[name][0]].features in distance.reason
     assert BACKBONES[VARIANTS[name][0]].builder in distance.reason
     with pytest.raises(InputError, match="no backbone"):
         distance.between(torch.rand(3, 40, 40), torch.rand(3, 40, 40))
+
+
+@pytest.mark.parametrize("file", ["vgg16-397923af.pth", "vgg16_features.pth"])
+def test_the_named_files_are_read_in_the_named_folders(tmp_path: Path, file: str) -> None:
+    assert file in perceptual_distance("lpips_vgg").reason
+    write_vgg(tmp_path / "given" / file, whole="features" not in file)
+    draw = torch.Generator().manual_seed(1)
+    pair = [torch.rand(3, 24, 32, generator=draw) for _ in range(2)]
+    given = perceptual_distance("lpips_vgg", tmp_path / "given").between(*pair)
+    (tmp_path / "data/lpips").mkdir(parents=True)
+    (tmp_path / "given" / file).rename(tmp_path / "data/lpips" / file)
+    assert perceptual_distance("lpips_vgg").between(*pair) == given > 0
+    assert perceptual_distance("lpips_vgg_raw").between(*pair) != given
 
 
 def test_nothing_is_downloaded(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, squeeze: dict) -> None:

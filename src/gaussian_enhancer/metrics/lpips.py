@@ -60,6 +60,10 @@ VARIANTS = {
 """
 
 
+NO_BACKBONE = "not measured: no backbone"
+"""How the reason of a distance without a backbone begins."""
+
+
 @dataclass(frozen=True)
 class PerceptualDistance:
     """A named LPIPS distance, or the reason why it cannot be measured.
@@ -141,8 +145,20 @@ def perceptual_distance(
     if file is None:
         spec = BACKBONES[net]
         command = f"from torchvision.models import *; {spec.builder}(weights={spec.weights}.IMAGENET1K_V1)"
-        return PerceptualDistance(name, None, f"not measured: no backbone; get it with: python -c '{command}'")
+        remedy = f"{backbone_place(name)}, or get it with: python -c '{command}'"
+        return PerceptualDistance(name, None, f"{NO_BACKBONE}; {remedy}")
     return PerceptualDistance(name, _network(net, file, str(device)))
+
+
+def backbone_place(name: str) -> str:
+    """Which file to put where so that a named distance can be measured, as an instruction.
+
+    Args:
+        name: one of `VARIANTS`.
+    """
+    net = VARIANTS[name][0]
+    files = f"torchvision's {_download_name(net)} (or its features alone, {BACKBONES[net].features})"
+    return f"put {files} into the folder $GAUSSIAN_ENHANCER_DATA/lpips or into one given as backbones=FOLDER"
 
 
 def data_backbones() -> Path | None:
@@ -154,19 +170,24 @@ def data_backbones() -> Path | None:
 
 def _find_backbone(net: str, path: Path | None) -> Path | None:
     """The backbone's file: the given file, or one in the given folder, in the data folder or in torchvision's cache."""
-    import torchvision
-
     spec = BACKBONES[net]
     if path is not None and not path.exists():
         raise InputError(path, "does not exist", "name the backbone's file or its folder")
     if path is not None and path.is_file():
         return path.resolve()
-    url = torchvision.models.get_model_weights(spec.builder).IMAGENET1K_V1.url
-    download_name = Path(urlparse(url).path).name
+    download_name = _download_name(net)
     folders = [folder for folder in (path, data_backbones()) if folder is not None]
     candidates = [folder / name for folder in folders for name in (spec.features, download_name)]
     candidates.append(Path(torch.hub.get_dir()) / "checkpoints" / download_name)
     return next((file.resolve() for file in candidates if file.is_file()), None)
+
+
+def _download_name(net: str) -> str:
+    """The name of torchvision's file of the whole network."""
+    import torchvision
+
+    url = torchvision.models.get_model_weights(BACKBONES[net].builder).IMAGENET1K_V1.url
+    return Path(urlparse(url).path).name
 
 
 @functools.lru_cache(maxsize=4)

@@ -1,5 +1,6 @@
 """The job ``tables`` on tiny worlds, fitted and trained in earnest: resumption, shared runs, gaps, damage."""
 
+import csv
 import json
 import random
 import shutil
@@ -20,9 +21,11 @@ from gaussian_enhancer.cli import pipeline
 from gaussian_enhancer.cli.train import naming_configuration
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import save_weights
+from gaussian_enhancer.metrics.lpips import backbone_place
 from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.runs.run import open_run
+from support.stand_in_backbone import write_vgg
 from support.tiny_suite import TINY, content, plan, started
 
 OURS = ("ge", "ge_tsds", "ge_ssif", "gepp")
@@ -83,6 +86,27 @@ def test_what_was_made_is_not_made_again(copied, monkeypatch) -> None:
     (copied / "results/tiny/table_10.jsonl").unlink()
     started("table=10")
     assert content(copied) == before
+
+
+def test_a_cell_without_backbone_names_file_and_folder_and_has_a_value_once_the_file_is_there(
+    copied, tmp_path, monkeypatch
+) -> None:
+    monkeypatch.setenv("TORCH_HOME", str(tmp_path / "empty"))
+    monkeypatch.setenv("GAUSSIAN_ENHANCER_DATA", str(tmp_path / "data"))
+
+    def values() -> dict[str, str]:
+        started("table=10", "scale.lpips=[lpips_vgg_raw]")
+        lines = csv.DictReader((copied / "results/tiny/table_10.csv").open())
+        return {line["method"]: line["value"] for line in lines if line["metric"] == "lpips_vgg_raw"}
+
+    assert set(values().values()) == {""}
+    page = copied / "results/tiny/table_10.md"
+    assert backbone_place("lpips_vgg_raw") in page.read_text()
+    write_vgg(tmp_path / "data/lpips/vgg16_features.pth")
+    measured = values()
+    assert set(measured) == {"raw", *LEARNING}
+    assert all(float(value) > 0 for value in measured.values())
+    assert "no backbone; put torchvision's vgg16" not in page.read_text()
 
 
 def test_equal_runs_of_different_tables_are_one(made, monkeypatch) -> None:
