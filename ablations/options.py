@@ -219,6 +219,7 @@ class Convergence(FromRecords):
     """Options of the job ``convergence``."""
 
     methods: list[str]
+    tests: PathTexts
     last: bool
     ibgs: PathTexts
     second: PathTexts

@@ -1,7 +1,7 @@
 """``gaussian-enhancer tradeoff``: error over run time of every method at several settings, of trainings, of kernels.
 
 Diagrams and the page are made from the records alone. ``enhance budget_ms=`` chooses from the settings that were
-measured on validation scenes.
+measured on validation scenes. Frozen test scenes are refused there (docs/data.md).
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -18,6 +18,7 @@ from ablations.report.tradeoff import write_pages
 from ablations.report.tradeoff_quality import TradeoffLimits
 from ablations.study.engine import Study, job, refuse_narrowed
 from ablations.study.pareto import pareto_front
+from ablations.suite.evaluation import compose_checked
 from ablations.tradeoff.interleaved import study_records
 from ablations.tradeoff.methods import SettingLoader
 from ablations.tradeoff.numerics import numeric_records
@@ -30,6 +31,7 @@ from gaussian_enhancer.infer.presets import Preset, write_presets
 from gaussian_enhancer.metrics.lpips import requested_distances
 from gaussian_enhancer.metrics.records import Record, read_records
 from gaussian_enhancer.runs.time_budget import BUDGET_KEYS
+from gaussian_enhancer.scene.frozen import refuse_frozen
 
 CONSOLE = Console(stderr=True)
 KINDS = ("quality", "training", "numerics")
@@ -48,7 +50,8 @@ def studies(cfg: DictConfig, device: torch.device) -> list[Study[str]]:
     """One study per kind, whose settings or kernels are timed in turn in one process, and a report on all of them.
 
     Raises:
-        InputError: a name is unknown, a limit is no number, or a part alone would replace the committed records of all.
+        InputError: a name is unknown, a limit is no number, a validation scene is a frozen test scene, or a part alone
+            would replace the committed records of all.
     """
     if cfg.kind not in (*KINDS, "all"):
         raise InputError("kind", f"is {cfg.kind!r}", f"choose {', '.join(KINDS)} or all")
@@ -57,6 +60,7 @@ def studies(cfg: DictConfig, device: torch.device) -> list[Study[str]]:
         _number("tradeoff.budget_ms", cfg.tradeoff.budget_ms, "ms", "33"),
     )
     compared = read_studies(cfg)
+    refuse_frozen_choices(cfg, compared)
     measure_kind = partial(measure, cfg, compared, device)
     kinds = () if cfg.records_only else KINDS if cfg.kind == "all" else (cfg.kind,)
     for kind, narrowing in NARROWING.items():
@@ -70,6 +74,20 @@ def studies(cfg: DictConfig, device: torch.device) -> list[Study[str]]:
 
 
 run = job(studies)
+
+
+def refuse_frozen_choices(cfg: DictConfig, compared: Sequence[TradeoffStudy]) -> None:
+    """Refuse frozen test scenes among the scenes on which choices may be based.
+
+    Raises:
+        InputError: there is one.
+    """
+    for study in compared:
+        for cell in study.cells:
+            if cell.scene.startswith(CHOOSING):
+                scene = compose_checked("fit", cfg, cell.fit).scene
+                name = f"{scene.family}_{scene.seed}" if "family" in scene else Path(scene.path).name
+                refuse_frozen([f"{scene.get('name') or name}-{cell.splat}"])
 
 
 def measure(cfg: DictConfig, compared: Sequence[TradeoffStudy], device: torch.device, kind: str) -> Iterator[Record]:
@@ -125,7 +143,7 @@ def choose_presets(studies: Sequence[TradeoffStudy], records: Iterable[Record]) 
         records: of the kind quality.
 
     Raises:
-        InputError: none was measured.
+        InputError: none was measured, or one was measured on a frozen test scene.
     """
     settings = {setting.name: setting for study in studies if study.name == OFFERING for setting in study.settings}
     candidates = []
@@ -134,6 +152,7 @@ def choose_presets(studies: Sequence[TradeoffStudy], records: Iterable[Record]) 
         usable = study == OFFERING and name in settings and settings[name].reproducible_by_enhance
         usable = usable and {option.partition("=")[0] for option in settings[name].enhance} <= set(BUDGET_KEYS)
         if usable and record.scene.startswith(CHOOSING):
+            refuse_frozen([record.run])
             candidates.append(replace(record, variant=name))
     if not candidates:
         raise InputError("settings", "have no record to be made from", "gaussian-enhancer tradeoff kind=quality")

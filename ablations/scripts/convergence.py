@@ -1,7 +1,8 @@
 """``gaussian-enhancer convergence``: gain against the age of a splat.
 
 Every snapshot of the fits is enhanced and measured, frame by frame and block by block. A run is a folder of the job
-``fit`` with several snapshots (``settings.snapshots``). New rows replace recorded rows of the same method, scene and
+``fit`` with several snapshots (``settings.snapshots``). Runs of test scenes are named apart (``tests``) and have a
+section of their own, since no choice may be based on them. New rows replace recorded rows of the same method, scene and
 step. Without methods, the page is made from the records alone. Blocks are 16x16 pixels; a block is harmed if it loses
 more than 0.5 dB. A peer and two controls are measured in the same way: ``ibgs``, ``average`` and ``two_fits``;
 ``two_fits:enhanced`` averages the views of both fits, enhanced by ``lr_tiny``. ``two_steps`` combines views enhanced by
@@ -24,7 +25,7 @@ from ablations.ibgs.method import IBGS
 from ablations.scripts.before_after import DESCRIPTION, Compared, harmed_block, strip, worst_block, write_picture
 from ablations.study.engine import Study, job
 from ablations.study.enhanced_views import MeasuredView, enhanced_views
-from ablations.study.fits import finished_fits, fits_by_scene, scene_of
+from ablations.study.fits import finished_fits, fits_by_scene, refuse_frozen_fits, scene_of
 from ablations.study.methods import Method, average, load_enhancer, name_of, two_fits, two_steps
 from ablations.study.plots import STYLE
 from ablations.study.roles import ROLES, role_of, with_roles
@@ -240,15 +241,23 @@ def draw_curves(frame: pd.DataFrame, path: Path) -> None:
         figure.savefig(path, format="svg", metadata={"Date": None})
 
 
-def find_fits(patterns: Sequence[str]) -> list[Path]:
-    """The finished fits that patterns name, one a scene.
+def find_fits(patterns: Sequence[str], tests: Sequence[str] = ()) -> list[Path]:
+    """The finished fits that patterns name, one a scene. Fits of test scenes are named apart, since none may choose.
+
+    Args:
+        patterns: fits of scenes that choices may be based on.
+        tests: fits of test scenes, which are reported in a section of their own.
 
     Raises:
-        InputError: there are none, two are of one scene, or a scene has no role.
+        InputError: there are none, two are of one scene, a scene has no role, or a fit is named on the wrong side.
     """
-    finished = finished_fits(patterns)
+    finished = finished_fits([*patterns, *tests])
     for scene in fits_by_scene(finished):
         role_of(scene)
+    refuse_frozen_fits(finished_fits(patterns) if patterns else [], "chosen by")
+    for fit in finished_fits(tests) if tests else []:
+        if role_of(scene_of(fit)) != "test":
+            raise InputError(fit, f"is of {scene_of(fit)}, which is no test scene", "name it in runs=")
     return finished
 
 
@@ -287,7 +296,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
     Raises:
         InputError: weights or fits cannot be read, or a method's trainings or fits are missing.
     """
-    chosen = find_fits(cfg.runs) if cfg.methods else []
+    chosen = find_fits(cfg.runs, cfg.tests) if cfg.methods else []
     methods = requested_methods(cfg, device)
     for fit, method in ((fit, method) for fit in chosen for method in methods.values()):
         for step in steps_of(fit, cfg.last):

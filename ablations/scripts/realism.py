@@ -4,7 +4,7 @@ The job also measures distances between them. Real renders are the held-out view
 row simulates the same views from their photos. The classifier is trained on scenes of ``train`` and tested on scenes of
 ``test``, for all rows on the same patches. During development of a simulator, both are validation scenes
 (docs/data.md). The final test is on test scenes, with a classifier trained on validation scenes; the simulator has
-learned from neither.
+learned from neither. Test scenes are refused for the classifier's training side.
 """
 
 import dataclasses
@@ -21,7 +21,7 @@ from ablations.realism.realism import RealRender, Row, distances, real_renders, 
 from ablations.realism.simulators import rows
 from ablations.realism.two_sample import two_sample_test
 from ablations.study.engine import Study, job
-from ablations.study.fits import finished_runs
+from ablations.study.fits import finished_runs, refuse_frozen_fits
 from ablations.study.processor import refuse_gpu
 from gaussian_enhancer.errors import InputError
 
@@ -71,9 +71,10 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
     """Every row against the real renders.
 
     Raises:
-        InputError: a row is unknown, or runs cannot be used or share a scene.
+        InputError: a row is unknown, runs cannot be used or share a scene, or a run of ``train`` is of a test scene.
     """
     refuse_gpu(device)
+    refuse_frozen_fits(finished_runs(cfg.train)[0], "trained on")
     makers = rows(cfg.rows, cfg.generator_weights, cfg.steps)
     train, test = (chosen(side, cfg.renders, cfg.seed) for side in (cfg.train, cfg.test))
     shared = {render.scene for render in train} & {render.scene for render in test}

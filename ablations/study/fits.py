@@ -7,6 +7,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import matching_paths
 from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.runs.status import DONE
+from gaussian_enhancer.scene.frozen import is_frozen, refuse_frozen
 from gaussian_enhancer.scene.renders import run_steps
 
 
@@ -46,6 +47,23 @@ def finished_fits(patterns: Sequence[str]) -> list[Path]:
     for run in fits:
         refuse_without_views(run)
     return fits
+
+
+def refuse_frozen_fits(fits: Sequence[Path], purpose: str) -> None:
+    """Refuse fits of test scenes, by the folder's name or by the scene that the fit's records state.
+
+    Args:
+        fits: folders of finished fits.
+        purpose: the refused use, as a participle for the error message.
+
+    Raises:
+        InputError: a fit is of a test scene.
+    """
+    refuse_frozen(fits, purpose)
+    for fit in fits:
+        if is_frozen(f"{scene_of(fit)}-"):
+            received = f"is of the frozen test scene {scene_of(fit)}: nothing may be {purpose} it"
+            raise InputError(fit, received, "name training or validation runs (docs/data.md)")
 
 
 def refuse_without_views(run: Path) -> None:

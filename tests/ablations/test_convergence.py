@@ -117,6 +117,26 @@ def test_fits_that_would_be_mixed_up_or_have_no_role_are_refused_before_they_are
         find_fits([])
 
 
+def test_fits_of_test_scenes_are_named_apart_and_have_a_section_of_their_own(plane_run, tmp_path, job, capsys) -> None:
+    plush, fox = (named_fit(plane_run, tmp_path / f"mine_{scene}", scene) for scene in ("plush", "fox"))
+    files = (f"records={tmp_path}/found.jsonl", f"page={tmp_path}/page.md")
+    both = ("methods=[average]", "row_table=same_fits", "last=true", *files)
+    with pytest.raises(SystemExit):
+        job("convergence", f"runs=[{plush},{fox}]", *both)
+    assert "is of the frozen test scene fox: nothing may be chosen by it" in capsys.readouterr().err
+    with pytest.raises(InputError, match=r"fox-3dgs-1a2b.*nothing may be chosen by it"):
+        find_fits([str(fox.rename(tmp_path / "fox-3dgs-1a2b"))])
+    with pytest.raises(InputError, match="is of plush, which is no test scene"):
+        find_fits([], [str(plush)])
+    assert not (tmp_path / "found.jsonl").exists()
+    job("convergence", f"runs=[{plush}]", f"tests=[{tmp_path}/fox-3dgs-1a2b]", *both)
+    text = (tmp_path / "page.md").read_text()
+    views = len((tmp_path / "found.jsonl").read_text().splitlines()) // 2
+    for role in ("Validation", "Test"):
+        section = text.split(f"## {role} captures: all views")[1].split("## ")[0]
+        assert f"| average of render and references | {views} |" in section
+
+
 def test_records_of_something_else_are_refused(job, tmp_path, capsys) -> None:
     write_records(tmp_path / "other.jsonl", [Record("cost", "a", "plush", "3dgs", "", "raw", {})])
     with pytest.raises(SystemExit):

@@ -201,6 +201,28 @@ def test_unknown_names_and_limits_are_refused(tmp_path, monkeypatch, override, f
         started(override)
 
 
+@pytest.mark.parametrize(
+    "scene", ["['scene=object','scene.seed=5000']", "['scene=harbour','scene.seed=0']", "['scene=captures/fox']"]
+)
+def test_no_choice_is_made_on_a_frozen_test_scene(tmp_path, monkeypatch, scene) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("GAUSSIAN_ENHANCER_DATA", str(tmp_path))
+    reported = configured(f"curves.lr.scenes.test.easy.object={scene}")
+    with initialised():
+        tradeoff.refuse_frozen_choices(reported, read_studies(reported))
+    with pytest.raises(InputError, match="frozen test scene: nothing may be chosen by it"):
+        started("kind=quality", f"curves.lr.scenes.validation.easy.object={scene}")
+    assert not (tmp_path / "docs").exists()
+
+
+def test_presets_are_not_chosen_by_records_of_a_frozen_test_scene(made) -> None:
+    compared = read_studies(configured())
+    assert tradeoff.choose_presets(compared, records_of(made))
+    frozen = [replace(record, run="fox-3dgs-1a2b") for record in records_of(made)]
+    with pytest.raises(InputError, match="nothing may be chosen by it"):
+        tradeoff.choose_presets(compared, frozen)
+
+
 def test_a_network_that_cannot_be_compiled_is_missing_and_one_that_can_says_how_long_it_took(
     tmp_path, monkeypatch
 ) -> None:

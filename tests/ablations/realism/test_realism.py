@@ -10,12 +10,14 @@ from ablations.realism.realism import (
     real_renders,
     simulated_pairs,
 )
+from ablations.scripts import realism
 from ablations.study.fits import finished_runs, scene_of
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.gates.gate import NoGate
 from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record, write_records
+from support.job_config import job_config
 from support.synthetic_runs import write_plane_run
 
 
@@ -107,3 +109,13 @@ def test_distances_vanish_for_equal_renders_and_see_a_weaker_simulation(runs):
     clean = distances(pairs)
     assert clean["psnr_simulated_db"] > 50 > clean["psnr_real_db"]
     assert clean["spectrum_residual_db"] > clean["spectrum_image_db"] > 1
+
+
+def test_the_classifier_learns_from_no_test_scene_whatever_its_folder_is_called(tmp_path):
+    named = write_plane_run(tmp_path / "monstree-3dgs-01234567")
+    renamed = write_plane_run(tmp_path / "mine")
+    write_records(renamed / "records.jsonl", [Record("cost", "mine", "fox", "3dgs", "", "raw", {})])
+    for run in (named, renamed):
+        cfg = job_config("realism", f"train=[{run}]", f"test=[{run}]", "rows=[naive]")
+        with pytest.raises(InputError, match=r"frozen test scene.*nothing may be trained on it"):
+            realism.study(cfg, torch.device("cpu"))
