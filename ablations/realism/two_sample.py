@@ -16,16 +16,13 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float, Int64
-from numpy import ndarray
 from scipy import stats
 from torch import Tensor, nn
 from torch.nn.utils import skip_init
 
 from ablations.realism.patches import Patches
+from ablations.study.statistics import expanded_bca
 from gaussian_enhancer.errors import InputError
-
-RESAMPLES, LEVEL = 2000, 0.95
-"""Number of bootstrap samples, and nominal coverage of the interval."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +31,7 @@ class TwoSample:
 
     Args:
         accuracy: share of the test patches that were classified correctly; half of the patches are simulated.
-        low: lower end of the accuracy's 95% bootstrap interval (BCa) over test views.
+        low: lower end of the accuracy's 95% bootstrap interval over test views (`expanded_bca`).
         high: upper end.
         auc: area under the ROC curve: the probability that the classifier rates a simulated patch higher than a real
             one. It does not depend on the threshold, which may differ between scenes.
@@ -121,21 +118,20 @@ def two_sample_test(
         areas.append(area_under_curve(simulated, real))
     by_seed = [seed_correct.mean().item() for seed_correct in correct]
     mean = torch.stack(correct).mean(dim=0)
-    low, high = view_interval(mean, test.view, torch.Generator().manual_seed(first_seed))
+    low, high = view_interval(mean, test.view)
     deviation = statistics.stdev(by_seed) if seeds > 1 else None
     views = int(test.view.unique().numel())
     return TwoSample(mean.mean().item(), low, high, statistics.fmean(areas), 2 * len(test), views, seeds, deviation)
 
 
-def view_interval(
-    correct: Float[Tensor, " n"], view: Int64[Tensor, " n"], generator: torch.Generator
-) -> tuple[float, float]:
-    """BCa bootstrap interval (`scipy.stats.bootstrap`) of a mean over places, with whole views drawn again.
+def view_interval(correct: Float[Tensor, " n"], view: Int64[Tensor, " n"]) -> tuple[float, float]:
+    """Bootstrap interval (`expanded_bca`) of a mean over places, with whole views drawn again.
+
+    Below `statistics.MIN_UNITS` views it reaches about as far as the resamples do.
 
     Args:
         correct: the share of correct answers at each place.
         view: the view that each place belongs to.
-        generator: source of randomness.
 
     Returns:
         Lower and upper end; the mean itself where all views agree, or there is only one.
@@ -146,22 +142,8 @@ def view_interval(
     mean = float(total.sum() / count.sum())
     if len(count) < 2 or bool((total / count == total[0] / count[0]).all()):
         return mean, mean
-
-    def accuracy(correct_counts: ndarray, place_counts: ndarray, axis: int = -1) -> ndarray | np.floating:
-        return correct_counts.sum(axis=axis) / place_counts.sum(axis=axis)
-
-    seed = int(torch.randint(2**31, (), generator=generator))
-    result = stats.bootstrap(
-        (total.numpy(), count.numpy()),
-        accuracy,
-        paired=True,
-        vectorized=True,
-        n_resamples=RESAMPLES,
-        confidence_level=LEVEL,
-        method="BCa",
-        rng=np.random.default_rng(seed),
-    )
-    return float(result.confidence_interval.low), float(result.confidence_interval.high)
+    totals = torch.stack([total, count], dim=-1).numpy()
+    return expanded_bca([np.arange(len(count))], lambda drawn: totals[drawn[0]])
 
 
 def area_under_curve(positive: Float[Tensor, " n"], negative: Float[Tensor, " n"]) -> float:

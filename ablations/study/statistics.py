@@ -104,13 +104,7 @@ def interval(sample: ScoreSample) -> tuple[float, float]:
     scenes are fixed and the views of each scene are resampled, each with all its splats and seeds: values that share a
     photo stay together, and the interval holds for these scenes and these trainings only.
 
-    A bootstrap interval of n units is too narrow by sqrt((n - 1) / n) and does not account for the heavy tails of a
-    small sample. The level is therefore raised so that each tail is Phi(sqrt(n / (n - 1)) t_tail(degrees of freedom)),
-    as Hesterberg recommends. Below `MIN_UNITS` units this would require the extremes of the resamples, so no interval
-    is given.
-
-    Sources: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 14 (BCa); Hesterberg, What Teachers
-    Should Know About the Bootstrap, The American Statistician 69, 2015 (expanded percentiles).
+    Below `MIN_UNITS` units `expanded_bca` would require the extremes of the resamples, so no interval is given.
 
     Args:
         sample: values of a table's cell.
@@ -121,7 +115,7 @@ def interval(sample: ScoreSample) -> tuple[float, float]:
     scenes = _scene_matrices(sample)
     if len(scenes) >= MIN_UNITS:
         totals = np.array([[np.nanmean(values, axis=1).sum(), len(values)] for values in scenes])
-        return _bca([np.arange(len(scenes))], lambda drawn: totals[drawn[0]])
+        return expanded_bca([np.arange(len(scenes))], lambda drawn: totals[drawn[0]])
     if not scenes or any(values.shape[1] < 2 for values in scenes):
         return math.nan, math.nan
     if sum(values.shape[1] - 1 for values in scenes) < MIN_UNITS - 1:
@@ -134,11 +128,26 @@ def interval(sample: ScoreSample) -> tuple[float, float]:
         stacked = np.concatenate(by_pair)
         return np.stack([np.nansum(stacked, axis=0), np.isfinite(stacked).sum(axis=0)], axis=-1)[..., None, :]
 
-    return _bca([np.arange(values.shape[1]) for values in scenes], means)
+    return expanded_bca([np.arange(values.shape[1]) for values in scenes], means)
 
 
-def _bca(units: list[ndarray], totals: Callable[[Sequence[ndarray]], ndarray]) -> tuple[float, float]:
-    """BCa interval of a weighted mean over units; ``totals`` returns (..., drawn unit, [sum, weight])."""
+def expanded_bca(units: list[ndarray], totals: Callable[[Sequence[ndarray]], ndarray]) -> tuple[float, float]:
+    """95% BCa bootstrap interval of a weighted mean over units, corrected for small samples.
+
+    A bootstrap interval of n units is too narrow by sqrt((n - 1) / n) and does not account for the heavy tails of a
+    small sample. The level is therefore raised so that each tail is Phi(sqrt(n / (n - 1)) t_tail(degrees of freedom)),
+    as Hesterberg recommends.
+
+    Sources: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 14 (BCa); Hesterberg, What Teachers
+    Should Know About the Bootstrap, The American Statistician 69, 2015 (expanded percentiles).
+
+    Args:
+        units: one array of indices per stratum, each with at least two units.
+        totals: returns (..., drawn unit, [sum, weight]) for the drawn indices of every stratum.
+
+    Returns:
+        Lower and upper end; the mean itself if all resamples have the same mean.
+    """
 
     def mean(*drawn: ndarray, axis: int = -1) -> ndarray | np.floating:
         result = totals([np.moveaxis(indices, axis, -1).astype(int) for indices in drawn]).sum(axis=-2)
@@ -148,7 +157,7 @@ def _bca(units: list[ndarray], totals: Callable[[Sequence[ndarray]], ndarray]) -
     size, freedom = len(counts) / sum(1 / count for count in counts), sum(counts) - len(counts)
     tail = stats.norm.cdf(math.sqrt(size / (size - 1)) * stats.t.ppf((1 - LEVEL) / 2, freedom))
     value, options = float(mean(*units)), {"n_resamples": DRAWS, "confidence_level": 1 - 2 * float(tail), "axis": -1}
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), np.errstate(invalid="ignore"):  # of two units, the level is 1
         warnings.simplefilter("ignore", stats.DegenerateDataWarning)
         result = stats.bootstrap(units, mean, method="BCa", rng=np.random.default_rng(0), **options)
     low, high = float(result.confidence_interval.low), float(result.confidence_interval.high)
