@@ -27,7 +27,7 @@ KINDS["images"] = KINDS["quality"]
 
 
 def caption(table: TableDescription, records: Sequence[Record]) -> str:
-    """Title, scale, rows of the paper's own system, stand-ins, and for tables of cost the machine, as sentences.
+    """Title, scale, rows of the paper's system, stand-ins, and for tables of cost the machine, as sentences.
 
     Args:
         table: its description.
@@ -50,7 +50,8 @@ def _system_sentences(table: TableDescription, records: Sequence[Record]) -> lis
     if not any(method.mode for method in table.methods.values()):
         return []
     lines = [
-        "Rows named paper are the paper's system to the letter, those named ours have its parts by our own networks"
+        "Rows named paper are our reading of the paper's system (docs/fidelity.md lists its deviations), those named "
+        "ours have its parts by our own networks"
     ]
     measured_variants = {record.variant for record in records if record.kind != MISSING}
     missing_rows = [

@@ -25,6 +25,8 @@ FAST = ("bfloat16", "bfloat16 weights")
 """Number types of networks that are compared with ours in bfloat16."""
 EQUAL_BUDGET = ("nafnet", "edvr", "paper", "sif", "ssif_lr")
 """Rows of the table equal_budget."""
+LABELS = {"paper": "ours with the paper's choices"}
+"""Printed names of records' variants: here `paper` is our own network, and not the paper's system (`mode=paper`)."""
 SHIPPED = ("lr_tiny",)
 """Rows of docs/results/quality.md."""
 EQUAL_PAGE = "[equal budget](results/tables/desk/equal_budget.md)"
@@ -90,6 +92,11 @@ class Target:
 def number(value: float) -> str:
     """Format a number with about three digits."""
     return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
+
+
+def _code_or_label(variant: str) -> str:
+    """A network of ours as Markdown: its name as code, or its label."""
+    return LABELS.get(variant, f"`{variant}`")
 
 
 def gains(sources: PageRecords) -> dict[str, float]:
@@ -270,7 +277,9 @@ def _networks(sources: PageRecords, records: Sequence[Record]) -> str:
              "arithmetic, ms / MP", "memory, ms / MP", "yardsticks", "times ours", "peak MB")  # fmt: skip
     lines = [_network_line(record, rates) for record in records]
     text = NETWORKS.format(width=records[0].size[0], height=records[0].size[1]) + markdown(frame(headings, lines))
-    missing = [(f"`{record.variant}`, {record.splat}", record.reasons["row"]) for record in sources.of(MISSING)]
+    missing = [
+        (f"{_code_or_label(record.variant)}, {record.splat}", record.reasons["row"]) for record in sources.of(MISSING)
+    ]
     return f"{text}\n{missing_section(missing)}" if missing else text
 
 
@@ -283,7 +292,7 @@ def _network_line(record: Record, rates: Mapping[str, float]) -> tuple[str, ...]
     values = _known(record)
     rate = rates["convolution, float32" if record.splat == "float32" else "convolution, bfloat16"]
     return (
-        f"`{record.variant}`" if record.scene == GROUPS[0] else record.variant,
+        _code_or_label(record.variant) if record.scene == GROUPS[0] else record.variant,
         record.scene,
         "whole" if record.kind == ENHANCEMENT else "network",
         record.splat,
@@ -340,11 +349,11 @@ def _cold_table(records: Sequence[Record]) -> str:
 
 
 EQUAL = f"""Mean gain in PSNR over the render, over held-out frames of fits of 1,000 steps, most of them of procedural,
-in-distribution scenes. `nafnet`, `edvr`, `paper`, `sif` and `ssif_lr` were trained on the same runs for the same number
-of steps ({EQUAL_PAGE}); `paper` is our network with the
-paper's choices. `lr_tiny` means the weights of this name when [quality](results/quality.md) was measured, on other
-scenes; they learned for longer and from more fits. Time is that of the whole enhancement in bfloat16, so that methods
-that align pay for it.
+in-distribution scenes. `nafnet`, `edvr`, {LABELS["paper"]}, `sif` and `ssif_lr` were trained on the same runs for the
+same number of steps ({EQUAL_PAGE}); the row "{LABELS["paper"]}" is our super SIF, not the paper's
+own system (`mode=paper`). `lr_tiny` means the weights of this name when [quality](results/quality.md) was measured, on
+other scenes; they learned for longer and from more fits. Time is that of the whole enhancement in bfloat16, so that
+methods that align pay for it.
 
 """
 
@@ -359,7 +368,7 @@ def _quality(sources: PageRecords) -> str:
     lines = []
     for name, gain in gain_by_method.items():
         time = number(value) if (value := times.get(name)) else "not measured"
-        lines.append((f"`{name}`", f"{gain:+.2f}", str(counts[name]), time))
+        lines.append((_code_or_label(name), f"{gain:+.2f}", str(counts[name]), time))
     return EQUAL + markdown(frame(("method", "PSNR, dB", "frames", "whole, ms / MP"), lines))
 
 
@@ -370,7 +379,7 @@ def performance_plot(sources: PageRecords) -> str:
         gain, time = gain_by_method.get(record.variant), record.metrics[TIME]
         if record.splat == FAST[0] and gain is not None and time is not None:
             mark = Mark(f"{gain:+.2f} dB", time, 10 ** (-gain / 10), record.metrics[LOW], record.metrics[HIGH])
-            marks[record.variant] = (mark,)
+            marks[LABELS.get(record.variant, record.variant)] = (mark,)
     panel = Panel(
         "Whole enhancement in bfloat16",
         "milliseconds a megapixel",

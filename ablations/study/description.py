@@ -38,7 +38,7 @@ class MethodDescription:
         upscale: whether its images are upsampled bicubically at the end.
         render: whether the splat is rendered at 4 times the resolution first.
         role: "other" or "ours", for aims; empty for the baseline.
-        mode: "paper" for an exact reproduction of the paper's system, "ours" for the same parts by our networks, or "".
+        mode: "paper" for our reading of the paper's system, "ours" for the same parts by our networks, or "".
     """
 
     title: str

@@ -272,6 +272,18 @@ def test_the_page_states_verdicts_bounds_and_what_is_missing(tmp_path) -> None:
     assert "nafnet" not in svg  # its time is not known
 
 
+def test_our_network_with_the_papers_choices_is_not_called_the_paper(tmp_path) -> None:
+    trained = quality("", raw=20.0, paper=20.02, ssif_lr=21.0)
+    measured = [replace(r, variant="paper") if r.variant == "lr_tiny" else r for r in some_records()]
+    sources = PageRecords(tuple(measured), (), trained)
+    files = {name: tmp_path / f"results/{name}.jsonl" for name in PageRecords.FILES}
+    page = performance_page(sources, files, tmp_path / "results/peers.svg", tmp_path / "page.md")
+    assert "\n| ours with the paper's choices | +0.02 |" in page
+    assert "| ours with the paper's choices | ours | network |" in page
+    assert "`paper`" not in page.split("## Networks")[1].split("\n## The whole pipeline")[0]
+    assert "ours with the paper's choices, +0.02 dB" in performance_plot(sources)
+
+
 def test_a_page_without_records_says_so_everywhere(tmp_path) -> None:
     files = {name: tmp_path / f"{name}.jsonl" for name in PageRecords.FILES}
     page = performance_page(PageRecords(), files, tmp_path / "a.svg", tmp_path / "page.md")

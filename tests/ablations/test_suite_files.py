@@ -8,6 +8,7 @@ import pytest
 from hydra import compose
 from omegaconf import OmegaConf
 
+from ablations.study.description import read_description
 from ablations.suite.descriptions import known_names, method_rows, read_experiment, requested_names
 from ablations.suite.evaluation import compose_checked
 from ablations.suite.method_runs import Runs
@@ -75,6 +76,24 @@ def test_every_study_is_a_table_at_every_scale(name, scale) -> None:
     assert len(scenes) == len(set(scenes))  # records of a table name the scene, not the dataset
     if one.table.kind == "repeats":
         assert len(one.table.seeds) >= (2 if scale.name == "smoke" else 3)
+
+
+def test_stand_ins_are_labelled_in_distribution_where_and_only_where_they_are_procedural(scale) -> None:
+    for dataset in scale.datasets.values():
+        families = {scene[0].removeprefix("scene=") for scene in dataset.scenes.values()}
+        procedural = families <= {"unbounded", "outdoor", "indoor", "object"}
+        label = "in-distribution (same generator, assets and light as training)"
+        assert (label in dataset.get("stand_in", "")) == procedural
+
+
+def test_committed_tables_call_their_stand_ins_as_the_scale_does() -> None:
+    datasets = configured("desk").scale.datasets
+    for path in (ROOT / "docs/results/tables/desk").glob("*.json"):
+        page = path.with_suffix(".md").read_text(encoding="utf-8")
+        for key, dataset in read_description(path).datasets.items():
+            if key in datasets:
+                assert dataset.stand_in == datasets[key].stand_in
+                assert dataset.stand_in in page
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name.startswith("table_")])

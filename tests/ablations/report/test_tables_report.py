@@ -17,6 +17,7 @@ from ablations.report.tables import summary_page, write_reports
 from ablations.study.description import MethodDescription, SceneGroup, TableDescription
 from ablations.study.latex import escape
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.metrics.lpips import backbone_place
 from gaussian_enhancer.metrics.records import Record, write_records
 
 STATED = {"protocol": "8 bit", "commit": "c0ffee", "machine": "2 cores, no GPU", "time": "2026-01-02T03:04:05+00:00"}
@@ -222,6 +223,32 @@ def test_captions_call_stand_ins_by_their_name_and_pages_their_sources(tmp_path:
             assert fact in text
 
 
+def test_a_metric_without_backbone_names_the_file_and_the_folder_whenever_it_was_recorded(tmp_path: Path) -> None:
+    table = dataclasses.replace(TABLE, metrics=("psnr", "lpips_vgg_raw"), paper={})
+    command = "python -c 'from torchvision.models import *; vgg16(weights=None)'"
+
+    def lacking(reason: str) -> dict[str, str]:
+        records = [
+            dataclasses.replace(
+                record,
+                metrics={"psnr": record.metrics["psnr"], "lpips_vgg_raw": None},
+                reasons={"lpips_vgg_raw": reason},
+            )
+            for record in all_records()
+        ]
+        return reports(tmp_path, table, records)
+
+    place = backbone_place("lpips_vgg_raw")
+    earlier = lacking(f"not measured: no backbone; get it with: {command}")
+    assert f"- To measure LPIPS vgg raw: {place}\n" in earlier[".md"]
+    assert f"To measure LPIPS vgg raw: {escape(place)}." in earlier[".tex"]
+    assert f"; get it with: `{command}`; in " in earlier[".md"]
+    today = lacking(f"not measured: no backbone; {place}, or get it with: {command}")
+    assert today[".md"].count(place) == 1
+    assert "To measure" not in "".join(today.values())
+    assert "To measure" not in "".join(lacking("not measured: 8x8 is smaller than the network's 16 pixels").values())
+
+
 def test_the_order_of_the_records_changes_nothing(tmp_path: Path) -> None:
     records = all_records()
     first = reports(tmp_path, TABLE, records)
@@ -383,7 +410,7 @@ def test_rows_of_ours_decide_no_claim_of_the_paper() -> None:
 
 def test_a_caption_says_whose_the_rows_are_and_which_of_the_papers_were_not_made(tmp_path: Path) -> None:
     table, records = faithful(TABLE, all_records())
-    told = "Rows named paper are the paper's system to the letter"
+    told = "Rows named paper are our reading of the paper's system (docs/fidelity.md lists its deviations)"
     assert told in reports(tmp_path, table, records)[".md"]
     assert "Not made" not in reports(tmp_path, table, records)[".md"]
     lacking = reports(tmp_path, table, without(records, variant="paper_gepp"))[".md"]

@@ -1,1 +1,1 @@
-"""The networks of the paper, line by line (Zou et al., Symmetry 2025, 17(3), 442); see docs/fidelity.md."""
+"""Our reading of the paper's networks (Zou et al., Symmetry 2025, 17(3), 442); see docs/fidelity.md."""
