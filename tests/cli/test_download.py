@@ -37,9 +37,19 @@ def tree(folder: Path) -> list[str]:
     return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
 
 
+def test_one_command_brings_the_photos_of_every_table(tmp_path):
+    """Its official resolution, and for table 1 a quarter of the photos' size and the photos themselves."""
+    with serving(zipped(SCENES)) as served:
+        download.run(configured(tmp_path, served, "mip_nerf_360", "scenes=[garden,room]"))
+    brought = {
+        scene: {path.name for path in (tmp_path / "mip_nerf_360" / scene).iterdir()} for scene in ("garden", "room")
+    }
+    assert brought == {"garden": {"images", "images_4", "sparse"}, "room": {"images", "images_2", "images_4", "sparse"}}
+
+
 def test_one_scene_at_its_official_resolution(tmp_path, capsys):
     with serving(zipped(SCENES)) as served:
-        download.run(configured(tmp_path, served, "mip_nerf_360", "scenes=[garden]"))
+        download.run(configured(tmp_path, served, "mip_nerf_360", "scenes=[garden]", "images=[images_4]"))
     archives = ["archives/360_v2.zip", "archives/360_v2.zip.sha256"]
     scene = ["mip_nerf_360/garden/images_4/a.jpg", "mip_nerf_360/garden/sparse/0/images.bin"]
     assert tree(tmp_path) == archives + scene
@@ -87,8 +97,8 @@ def test_dry_run_says_what_is_there(tmp_path, capsys):
         download.run(configured(tmp_path, served, "mip_nerf_360", "scenes=[garden,room]", "dry_run=true"))
     out = capsys.readouterr().out
     assert f"{len(served.content)} bytes of it there" in out
-    assert "scene garden: there: sparse, images_4\n" in out
-    assert "scene room: to unpack: sparse, images_2" in out
+    assert "scene garden: there: sparse, images_4, images\n" in out
+    assert "scene room: to unpack: sparse, images_2, images_4, images" in out
 
 
 def test_nerf_synthetic_comes_without_depth_and_normals(tmp_path):

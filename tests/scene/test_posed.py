@@ -65,6 +65,8 @@ def test_rounded_sizes_fit_and_other_aspects_do_not():
         ((3361, 5187), (1036, 1600)),
         ((3361, 5187), (1680, 2594)),
         ((5472, 3648), (1600, 1066)),
+        ((1090, 1959), (545, 980)),  # Tanks and Temples, train
+        ((1091, 1957), (546, 979)),  # Tanks and Temples, truck
     ],
 )
 def test_sizes_that_3dgs_shrinks_photos_to_fit_in_both_directions(calibrated, size):

@@ -59,7 +59,7 @@ class DatasetScene:
     Args:
         archive: key of the archive that holds the scene.
         inside: the scene's folder in the archive.
-        images: folders of its photos.
+        images: folders of its photos that the tables need.
         width: of a photo, in pixels.
         height: of a photo, in pixels.
         fit_seconds: expected time of one fit on one GPU, in seconds.

@@ -38,7 +38,7 @@ def requested_scenes(
         dataset: the dataset.
         folder: parent folder of all datasets.
         scenes: names of scenes; all where None.
-        images: folders of photos to unpack; those of the official resolution where None.
+        images: folders of photos to unpack; those that the dataset's description lists for each scene where None.
 
     Raises:
         InputError: there is no such scene.
