@@ -16,13 +16,14 @@ from ablations.study.description import read_description, write_description
 from ablations.study.engine import Study, measure_and_add
 from ablations.study.missing import missing_record, reason_of
 from ablations.study.rows import RowFile
-from ablations.suite.cluster import make_runs_ahead
+from ablations.suite.cluster import make_runs_ahead, worker_count
 from ablations.suite.costs import cost_records
 from ablations.suite.descriptions import Experiment, known_names, read_experiment, requested_names
+from ablations.suite.dry_run import format_plan
 from ablations.suite.evaluation import StudyCell, check_same_views
 from ablations.suite.figures import draw_figure
 from ablations.suite.method_runs import Runs, with_backbones
-from ablations.suite.plan import format_plan, plan_runs
+from ablations.suite.plan import plan_runs
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
@@ -50,7 +51,8 @@ def run(cfg: DictConfig) -> None:
     require(cfg)
     experiments = [read_experiment(name, cfg.scale) for name in requested_names(cfg.table)]
     if cfg.dry_run:
-        print(format_plan(plan_runs(cfg, experiments)))
+        workers = None if cfg.scheduler else worker_count(cfg)  # a scheduler has as many as joined it
+        print(format_plan(plan_runs(cfg, experiments), workers))
         return
     console, folder, runs = Console(stderr=True), Path(cfg.results) / cfg.scale.name, Runs(cfg)
     if not cfg.records_only:

@@ -13,7 +13,7 @@ from gaussian_enhancer.input_files import read_configuration
 from gaussian_enhancer.runs.status import DONE
 
 VIEWS = 9
-"""Assumed number of measured views of a cell, if its fit does not exist yet."""
+"""Assumed number of measured views of a cell, if its fit does not exist yet and its scene does not tell."""
 
 
 class Estimates:
@@ -29,13 +29,14 @@ class Estimates:
         self.fits = _medians(_finished_fits(runs))
         self.trainings = _medians(_finished_trainings(runs))
 
-    def minutes(self, job: str, cfg: DictConfig, finer: bool = False) -> float:
+    def minutes(self, job: str, cfg: DictConfig, finer: bool = False, views: int | None = None) -> float:
         """Estimate the minutes of a run from its configuration.
 
         Args:
             job: "fit", "train_generator", "train", "row" or "cost".
             cfg: its configuration.
             finer: whether a method is measured against photos of 4 times the resolution.
+            views: number of held-out views of a row's scene, if it is known before the fit exists.
         """
         if job == "fit":
             published = published_fit_minutes(cfg.scene)
@@ -52,22 +53,29 @@ class Estimates:
             pixels = int(cfg.shape[0]) * int(cfg.shape[1]) * len(cfg.train) * (int(cfg.repeats) + 2)
             return pixels / 1e6 * float(self.scale.minutes.megapixel)
         photo_folders = sorted((self.folder / "fit").glob(f"*-{cfg.fit}/test/ours_*/gt"))
-        views = len(list(photo_folders[0].iterdir())) if photo_folders else VIEWS * int(cfg.every)
-        return -(-views // int(cfg.every)) * float(self.scale.minutes.finer_view if finer else self.scale.minutes.view)
+        expected = VIEWS * int(cfg.every) if views is None else views
+        found = len(list(photo_folders[0].iterdir())) if photo_folders else expected
+        return -(-found // int(cfg.every)) * self._minutes_per_view(finer)
 
-    def minutes_without_config(self, job: str, overrides: Sequence[Any], finer: bool = False) -> float:
+    def minutes_without_config(
+        self, job: str, overrides: Sequence[Any], finer: bool = False, views: int | None = None
+    ) -> float:
         """Estimate the minutes of a run whose configuration cannot be composed, for instance without its dataset.
 
         Args:
             job: "fit", "train" or "row"; any other job gives 0.
             overrides: of its job; without a number of steps, the estimate of "fit" and "train" is 0.
             finer: whether a method is measured against photos of 4 times the resolution.
+            views: number of measured views of a row; `VIEWS` where None.
         """
         if job == "row":
-            return VIEWS * float(self.scale.minutes.finer_view if finer else self.scale.minutes.view)
+            return (VIEWS if views is None else views) * self._minutes_per_view(finer)
         key = "settings.steps=" if job == "fit" else "trainer.max_steps="
         steps = [float(word.split("=")[1]) for word in map(str, overrides) if word.startswith(key)]
         return steps[-1] / 1000 * float(self.scale.minutes[job]) if steps else 0.0
+
+    def _minutes_per_view(self, finer: bool) -> float:
+        return float(self.scale.minutes.finer_view if finer else self.scale.minutes.view)
 
 
 def _medians(entries: Iterator[tuple[str, float]]) -> dict[str, float]:

@@ -1,5 +1,6 @@
 """Instantiates the objects that a configuration names. No other module of the package instantiates a ``_target_``."""
 
+import re
 from typing import Any
 
 import hydra
@@ -9,6 +10,9 @@ from omegaconf.errors import InterpolationResolutionError
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.arguments import CHECKED_PACKAGES, check_arguments
+
+UNSET_VARIABLE = re.compile(r"Environment variable '(\w+)' not found")
+"""What OmegaConf says of an environment variable that is not set."""
 
 
 def build(node: DictConfig, *args: Any, **kwargs: Any) -> Any:
@@ -64,10 +68,19 @@ def require(cfg: DictConfig) -> None:
         OmegaConf.to_container(cfg, resolve=True)
         missing = sorted(OmegaConf.missing_keys(cfg))
     except InterpolationResolutionError as error:
-        cause = str(error).splitlines()[0]
-        raise InputError(error.full_key, f"cannot be resolved: {cause}", "set what it refers to") from error
+        raise _unresolved(error) from error
     if missing:
         raise InputError(missing[0], "is mandatory and was not given", f"add {' '.join(f'{n}=...' for n in missing)}")
+
+
+def _unresolved(error: InterpolationResolutionError) -> InputError:
+    """The InputError for a value that refers to something that is not set."""
+    cause, key = str(error).splitlines()[0], str(error.full_key)
+    variable = UNSET_VARIABLE.search(cause)
+    if variable is None:
+        return InputError(key, f"cannot be resolved: {cause}", "set what it refers to")
+    received = f"refers to the environment variable {variable[1]}, which is not set"
+    return InputError(key, received, f"set {variable[1]}, or give {key}=...")
 
 
 def plain_values(values: DictConfig) -> dict[str, Any]:

@@ -146,7 +146,9 @@ def test_a_dry_run_writes_and_computes_nothing_and_knows_what_is_done(tmp_path, 
     started("table=10", "dry_run=true")
     told = capsys.readouterr().out
     assert list(tmp_path.iterdir()) == []
-    assert "21 runs: 21 not started" in told
+    assert "21 runs: 21 ready" in told
+    assert "nothing is missing" in told
+    assert "cell   table_10, Mip-NeRF 360, 2dgs: ready; 21 runs to make; about " in told
     assert "about 0 minutes" not in told
     monkeypatch.chdir(made)
     before = {path: path.stat().st_mtime_ns for path in made.rglob("*")}
