@@ -151,6 +151,7 @@ class Fresh(Options):
     inputs: dict[str, list[str]]
     pages: dict[str, Group]
     tables: list[str]
+    historical: dict[str, str]
 
 
 class Tables(Options):

@@ -2,7 +2,7 @@
 
 A page's records state the commit that they were made at. The page is stale where a file that it depends on (weights,
 networks, splats, training) changed since. Changes of docstrings, comments and layout do not count. A page is false
-where it also says "as shipped" and a shipped file has changed.
+where it also says "shipped" and its records are of other weights than those that are shipped now.
 """
 
 import ast
@@ -18,26 +18,49 @@ import yaml
 from omegaconf import DictConfig
 
 from ablations.jobs.pages import ROOT
+from gaussian_enhancer.checkpoint import checkpoint_digest
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import plain_values
 
-CLAIM = "as shipped"
-"""Words of a page that are false once a shipped file has changed."""
+CLAIM = re.compile(r"\bshipped\b", re.IGNORECASE)
+"""The word by which a page claims that its numbers hold for the shipped weights."""
+WEIGHTS = "src/gaussian_enhancer/weights"
+"""Folder of the shipped weights."""
+DIGEST = re.compile(r'"([0-9a-f]{64})"')
+"""A digest of weights in a file of records (`gaussian_enhancer.checkpoint.checkpoint_digest`)."""
 
 
 @dataclass(frozen=True)
 class CommittedPage:
-    """A committed page of results.
+    """A committed page of results, or a section of one that has records and inputs of its own.
 
     Args:
-        path: of the page, from the repository's root.
-        records: its files of records, each line a JSON object with a ``commit``.
+        path: of the page, from the repository's root; ``PAGE#ANCHOR`` is the section with that anchor alone.
+        records: its files of records: a JSON object with a ``commit`` (``.json``), or one a line.
         inputs: git pathspecs of the files that its numbers depend on, by the input's name.
     """
 
     path: str
     records: tuple[str, ...]
     inputs: Mapping[str, Sequence[str]]
+
+    def text(self, root: Path) -> str:
+        """The page's text, or its section's, without the sections below it.
+
+        Args:
+            root: of a checkout.
+
+        Raises:
+            InputError: the page has no such section.
+        """
+        file, _, anchor = self.path.partition("#")
+        text = (root / file).read_text(encoding="utf-8")
+        if not anchor:
+            return text
+        for section in re.split(r"^(?=#+ )", text, flags=re.MULTILINE):
+            if re.sub(r"\W+", "-", section.partition("\n")[0].lower()).strip("-") == anchor:
+                return section
+        raise InputError(self.path, "names no heading of its page", "name one in conf/fresh.yaml")
 
 
 @dataclass(frozen=True)
@@ -50,7 +73,8 @@ class Age:
         unknown: those that the repository does not have; changes since them cannot be determined.
         changed: changed files by input, without inputs that have none.
         behind: number of commits since the oldest known one.
-        claims: whether the page says `CLAIM`.
+        uncommitted: whether records were made in a work tree with changes that no commit has.
+        false: whether the page says `CLAIM` of other weights than those that are shipped now.
     """
 
     page: CommittedPage
@@ -58,25 +82,23 @@ class Age:
     unknown: tuple[str, ...]
     changed: Mapping[str, tuple[str, ...]]
     behind: int
-    claims: bool
+    uncommitted: bool
+    false: bool
 
     @property
     def stale(self) -> bool:
         """Whether an input has changed, or the changes cannot be determined."""
-        return bool(self.changed or self.unknown or not self.commits)
-
-    @property
-    def false(self) -> bool:
-        """Whether the page says "as shipped" and shipped weights have changed since. A shallow clone may not know."""
-        return self.claims and "weights" in self.changed
+        return bool(self.false or self.changed or self.unknown or not self.commits)
 
     def __str__(self) -> str:
+        note = " (measured with uncommitted changes)" if self.uncommitted else ""
         if not self.stale:
-            return f"fresh  {self.page.path}"
+            return f"fresh  {self.page.path}{note}"
         reasons = [f"{name} ({len(files)} files)" for name, files in self.changed.items()]
         reasons += [f"unknown commit {commit}" for commit in self.unknown]
         reasons += [] if self.commits else ["its records state no commit"]
-        line = f"{'FALSE' if self.false else 'stale'}  {self.page.path}: {', '.join(reasons)}"
+        reasons += ['says "shipped" of other weights'] if self.false else []
+        line = f"{'FALSE' if self.false else 'stale'}  {self.page.path}{note}: {', '.join(reasons)}"
         return line + (f"; {self.behind} commits behind" if self.behind else "")
 
 
@@ -105,7 +127,8 @@ def age(root: Path, page: CommittedPage) -> Age:
         root: of a checkout with its history.
         page: one of its pages.
     """
-    commits = sorted({commit.rstrip("+") for file in page.records for commit in stated_commits(root / file)})
+    stated = {commit for file in page.records for commit in stated_commits(root / file)}
+    commits = sorted({commit.rstrip("+") for commit in stated})
     known_commits = [commit for commit in commits if _git(root, "cat-file", "-e", f"{commit}^{{commit}}") is not None]
     changed: dict[str, tuple[str, ...]] = {}
     for name, specs in page.inputs.items():
@@ -115,16 +138,38 @@ def age(root: Path, page: CommittedPage) -> Age:
     commits_behind = max(
         (int(_git(root, "rev-list", "--count", f"{commit}..HEAD") or 0) for commit in known_commits), default=0
     )
-    claims = CLAIM in (root / page.path).read_text(encoding="utf-8")
     return Age(
-        page, tuple(commits), tuple(c for c in commits if c not in known_commits), changed, commits_behind, claims
+        page=page,
+        commits=tuple(commits),
+        unknown=tuple(commit for commit in commits if commit not in known_commits),
+        changed=changed,
+        behind=commits_behind,
+        uncommitted=any(commit.endswith("+") for commit in stated),
+        false=bool(CLAIM.search(page.text(root))) and _has_other_weights(root, page, changed),
     )
 
 
 def stated_commits(path: Path) -> set[str]:
     """The commits that a file of records states."""
-    lines = path.read_text(encoding="utf-8").split("\n")
-    return {str(json.loads(line).get("commit", "")) for line in lines if line.strip()} - {""}
+    text = path.read_text(encoding="utf-8")
+    rows = [text] if path.suffix == ".json" else [line for line in text.split("\n") if line.strip()]
+    return {str(json.loads(row).get("commit", "")) for row in rows} - {""}
+
+
+def _has_other_weights(root: Path, page: CommittedPage, changed: Mapping[str, Sequence[str]]) -> bool:
+    """Whether a page's records are of other weights than those that are shipped now.
+
+    Digests tell where the records state them. Otherwise the history does, which a shallow clone may not know.
+    """
+    texts = [(root / file).read_text(encoding="utf-8") for file in page.records]
+    if digests := {digest for text in texts for digest in DIGEST.findall(text)}:
+        return bool(digests - _shipped_digests(root))
+    return any(file.startswith(WEIGHTS) for files in changed.values() for file in files)
+
+
+@cache
+def _shipped_digests(root: Path) -> frozenset[str]:
+    return frozenset(checkpoint_digest(path) for path in (root / WEIGHTS).glob("*.safetensors"))
 
 
 def _git(root: Path, *arguments: str) -> str | None:

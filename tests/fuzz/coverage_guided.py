@@ -76,13 +76,15 @@ def fuzz(name: str, file: str, seconds: int, found: Path) -> None:
 def run(names: list[str], seconds: int, found: Path) -> list[dict[str, Any]]:
     """A row for each file of each reader."""
     from fuzz.readers import READERS
+    from gaussian_enhancer.metrics.provenance import provenance
 
     rows = []
     for name in names or READERS:
         for file in READERS[name].files:
             words = ("--one", name, file, "--seconds", str(seconds), "--found", str(found))
             ended = subprocess.run([sys.executable, __file__, *words], capture_output=True, text=True, check=False)
-            rows.append({"reader": name, "file": file, "seconds": seconds, **outcome(ended.returncode, ended.stderr)})
+            found_here = outcome(ended.returncode, ended.stderr)
+            rows.append({"reader": name, "file": file, "seconds": seconds, **found_here, **provenance(timed=True)})
             print(json.dumps(rows[-1]), flush=True)
     return rows
 

@@ -345,6 +345,8 @@ def others(campaign: "Campaign") -> Iterator[Case]:
 
 def run(names: list[str], moments: int, record: Path | None, root: Path) -> list[dict[str, Any]]:
     """The record of every case, written as they come; those that a record holds are not done again."""
+    from gaussian_enhancer.metrics.provenance import provenance
+
     held = [json.loads(line) for line in record.read_text().splitlines()] if record and record.is_file() else []
     rows = [row for row in held if row.get("verdict") == "handled"]
     for name in names:
@@ -354,7 +356,7 @@ def run(names: list[str], moments: int, record: Path | None, root: Path) -> list
         for case, judge in (*kills(name, moments * SHARES[name] // 100), *others(campaign)):
             if case in known:
                 continue
-            rows.append({"case": case, **judge(campaign)})
+            rows.append({"case": case, **judge(campaign), **provenance(timed=True)})
             print(json.dumps(rows[-1]), flush=True)
             if record:
                 lines = (json.dumps(row) + "\n" for row in (summary(rows), *rows))

@@ -5,10 +5,14 @@ import subprocess
 from pathlib import Path
 
 import pytest
+import torch
 from omegaconf import OmegaConf
+from safetensors.torch import save_file
 
-from ablations.jobs.fresh import CommittedPage, age, pages
-from support.paths import CONF, ROOT
+from ablations.jobs.fresh import CLAIM, CommittedPage, age, pages, stated_commits
+from gaussian_enhancer.checkpoint import checkpoint_digest
+from gaussian_enhancer.errors import InputError
+from support.paths import CONF, DOCS, ROOT
 
 CFG = OmegaConf.load(f"{CONF}/fresh.yaml")
 WEIGHTS, NETWORK = "src/gaussian_enhancer/weights/lr.safetensors", "src/gaussian_enhancer/network/sif.py"
@@ -124,6 +128,57 @@ def test_a_page_that_claims_shipped_weights_is_false_once_they_change(repository
     assert not age(repository, PAGE).false
 
 
+@pytest.fixture
+def weights(repository: Path) -> Path:
+    """Shipped weights whose digest the page's records state."""
+    path = repository / WEIGHTS
+    save_file({"kernel": torch.ones(2)}, path)
+    line = {"commit": _commit(repository), "weights": checkpoint_digest(path)}
+    (repository / "page.jsonl").write_text(json.dumps(line) + "\n")
+    return path
+
+
+def test_a_claim_about_other_weights_than_the_shipped_ones_is_false(repository: Path, weights: Path) -> None:
+    assert not age(repository, PAGE).stale
+    with (repository / "page.jsonl").open("a", encoding="utf-8") as file:
+        file.write(json.dumps({"weights": "0" * 64}) + "\n")
+    found = age(repository, PAGE)
+    assert found.false
+    assert str(found) == 'FALSE  page.md: says "shipped" of other weights'
+
+
+def test_a_claim_holds_while_the_weights_compute_the_same(repository: Path, weights: Path) -> None:
+    save_file({"kernel": torch.ones(2)}, weights, {"card": json.dumps({"made": "otherwise described"})})
+    found = age(repository, PAGE)
+    assert found.stale  # the file has changed
+    assert not found.false
+    assert CLAIM.search("the shipped weights")
+    assert not CLAIM.search("an unshipped one")
+
+
+def test_a_work_tree_with_changes_is_named_and_does_not_fail(repository: Path) -> None:
+    commit = next(iter(stated_commits(repository / "page.jsonl")))
+    (repository / "page.jsonl").write_text(json.dumps({"commit": f"{commit}+"}) + "\n")
+    assert str(age(repository, PAGE)) == "fresh  page.md (measured with uncommitted changes)"
+
+
+def test_a_section_has_an_age_and_a_claim_of_its_own(repository: Path) -> None:
+    (repository / "page.md").write_text("# Title\n\nAs shipped.\n\n## How fast it is\n\n1 s.\n\n## Else\n\nShipped.\n")
+    section = CommittedPage("page.md#how-fast-it-is", PAGE.records, PAGE.inputs)
+    assert section.text(repository) == "## How fast it is\n\n1 s.\n\n"
+    _changed(repository, WEIGHTS)
+    assert age(repository, PAGE).false
+    assert age(repository, section).stale
+    assert not age(repository, section).false
+    with pytest.raises(InputError, match="no heading"):
+        CommittedPage("page.md#other", PAGE.records, PAGE.inputs).text(repository)
+
+
+def test_a_json_file_states_one_commit(tmp_path: Path) -> None:
+    (tmp_path / "speed.json").write_text(json.dumps({"milliseconds": 3, "commit": "0123456789"}, indent=1))
+    assert stated_commits(tmp_path / "speed.json") == {"0123456789"}
+
+
 @pytest.mark.parametrize(("line", "told"), [({"commit": "0123456789"}, "unknown commit 0123456789"), ({}, "no commit")])
 def test_what_cannot_be_told_is_stale(repository: Path, line: dict[str, str], told: str) -> None:
     (repository / "page.jsonl").write_text(json.dumps(line) + "\n")
@@ -135,12 +190,26 @@ def test_what_cannot_be_told_is_stale(repository: Path, line: dict[str, str], to
 
 def test_every_page_and_its_records_and_inputs_are_there() -> None:
     for page in pages(ROOT, CFG):
-        assert (ROOT / page.path).is_file()
+        assert page.text(ROOT)
         assert all((ROOT / file).is_file() for file in page.records)
     assert len(pages(ROOT, CFG)) > len(CFG.pages)
     for specs in CFG.inputs.values():
         for spec in specs:
             assert list(ROOT.glob(spec.removeprefix(":!"))), spec
+
+
+def test_every_record_is_watched_or_historical() -> None:
+    results = DOCS / "results"
+    found = {path.relative_to(ROOT).as_posix() for path in (*results.rglob("*.jsonl"), *results.glob("*.json"))}
+    watched = {file for page in pages(ROOT, CFG) for file in page.records}
+    assert found - watched == set(CFG.historical)
+
+
+def test_pages_of_the_shipped_weights_say_so() -> None:
+    """A check of claims that no page makes would check nothing."""
+    claiming = {page.path for page in pages(ROOT, CFG) if CLAIM.search(page.text(ROOT))}
+    measured = ("test", "quality", "quality_converged_long", "convergence", "distil", "simulator", "weights")
+    assert {f"docs/results/{name}.md" for name in measured} <= claiming
 
 
 def test_no_committed_page_claims_what_is_no_longer_so() -> None:
