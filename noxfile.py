@@ -83,7 +83,7 @@ def pages(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def fresh(session: nox.Session) -> None:
-    """List every committed page whose weights or code have changed since; `-- strict=true` fails if there are any."""
+    """List committed pages that are older than their weights or code; fails if one is false, `-- strict=true`: or stale."""
     install(session)
     session.run("gaussian-enhancer", "fresh", *session.posargs)
 

@@ -26,7 +26,7 @@ CLAIM = re.compile(r"\bshipped\b", re.IGNORECASE)
 """The word by which a page claims that its numbers hold for the shipped weights."""
 WEIGHTS = "src/gaussian_enhancer/weights"
 """Folder of the shipped weights."""
-DIGEST = re.compile(r'"([0-9a-f]{64})"')
+DIGEST = re.compile(r"\b[0-9a-f]{64}\b")
 """A digest of weights in a file of records (`gaussian_enhancer.checkpoint.checkpoint_digest`)."""
 
 

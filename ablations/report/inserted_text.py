@@ -67,6 +67,7 @@ TEXTS: dict[str, Callable[[Path], str]] = {
     "docs/results/candidates.jsonl": study_table("gains"),
     "docs/results/candidates_22_nov.jsonl": study_table("gains"),
     "docs/results/strength.jsonl": study_table("gains"),
+    "docs/results/factors.jsonl": study_table("factors"),
     "docs/results/sampler.jsonl": study_table("sampler"),
     "docs/results/degradation.jsonl": study_table("degradation"),
     "docs/results/tables/desk": stand_in_table,
