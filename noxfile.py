@@ -83,7 +83,7 @@ def pages(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def fresh(session: nox.Session) -> None:
-    """List committed pages that are older than their weights or code; fails if one is false, `-- strict=true`: or stale."""
+    """List committed pages with older weights or code; fails if one is false, with `-- strict=true` also if stale."""
     install(session)
     session.run("gaussian-enhancer", "fresh", *session.posargs)
 

@@ -16,9 +16,10 @@ Row = Mapping[str, Any]
 ABOUT = """\
 This page counts what happens with damaged files, killed jobs, full disks and extreme inputs. Every number is counted
 from a committed record. Those of damaged files and extreme numbers state their commit. Those of inputs guided by
-coverage, kills, two processes and full disks state none: they are of 23 November 2026, and code has changed since. A
-case is *handled* if the file is read correctly or refused with a one-line message, if the job ends with the result of an
-undisturbed job, or if the result is within its tolerance or the input is refused. All other cases have *failed*.
+coverage, kills, two processes and full disks state none: they are of 23 November 2026, and code has changed since.
+
+A case is *handled* if the file is read correctly or refused with a one-line message, if the job ends with the result of
+an undisturbed job, or if the result is within its tolerance or the input is refused. All other cases have *failed*.
 """
 
 FUZZ = """\
