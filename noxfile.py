@@ -46,7 +46,7 @@ def run_tests(session: nox.Session, *chosen: str) -> None:
         size = ("scene=object", "scene.views=8", "scene.height=32", "scene.width=48", "settings.steps=3")
         splats = "splat=3dgs,2dgs,mip_splatting"
         session.run("gaussian-enhancer", "fit", "-m", splats, *size, "runtime.progress=false", silent=True)
-        enhanced = f"run={next((fits / 'runs/fit').iterdir())}"
+        enhanced = f"run={next(Path('runs/fit').iterdir())}"
         session.run("gaussian-enhancer", "enhance", "-m", enhanced, "weights=lr_tiny,sr_tiny", silent=True)
     processes = ("--numprocesses=logical", "--maxprocesses=4", "--dist=loadfile", "--max-worker-restart=0")
     waiting = {"OMP_WAIT_POLICY": "PASSIVE", "GOMP_SPINCOUNT": "10000"}
