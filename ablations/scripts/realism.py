@@ -74,8 +74,8 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
         InputError: a row is unknown, runs cannot be used or share a scene, or a run of ``train`` is of a test scene.
     """
     refuse_gpu(device)
-    refuse_frozen_fits(finished_runs(cfg.train)[0], "trained on")
     makers = rows(cfg.rows, cfg.generator_weights, cfg.steps)
+    refuse_frozen_fits(finished_runs(cfg.train)[0], "trained on")
     train, test = (chosen(side, cfg.renders, cfg.seed) for side in (cfg.train, cfg.test))
     shared = {render.scene for render in train} & {render.scene for render in test}
     if shared:
