@@ -258,7 +258,7 @@ class _Plan:
         name = f"{label}-{digest}" if run is None else run.folder.name
         if state.name == "done":
             return PlannedRun(work, digest, name, state, inputs, 0.0, "", ())
-        finer, views = (False, None) if work.cell is None else (work.cell.finer, self._views(work.cell))
+        finer, views = self._measured(work.cell)
         minutes = self.estimates.minutes(job, cfg, finer, views)
         missing = self._describe_missing_inputs(work, cfg)
         without = _unavailable_metrics(cfg, self.metrics) if job == "row" else ""
@@ -275,7 +275,7 @@ class _Plan:
             return OmegaConf.to_yaml(fit), PlannedRun(
                 work, "", name, State("not started"), inputs, minutes, missing, ()
             )
-        finer, views = (False, None) if work.cell is None else (work.cell.finer, self._views(work.cell))
+        finer, views = self._measured(work.cell)
         if work.cell is not None and views is not None:
             views = -(-views // work.cell.every)
         minutes = self.estimates.minutes_without_config(work.job, key, finer, views)
@@ -297,6 +297,10 @@ class _Plan:
         """Configuration of a cell's scene; its folder may refer to an environment variable that is not set."""
         scene: DictConfig = compose_job("fit", self.cfg, cell.fit).scene
         return scene
+
+    def _measured(self, cell: StudyCell | None) -> tuple[bool, int | None]:
+        """Whether a cell is measured at 4 times the resolution, and its held-out views if its dataset states them."""
+        return (False, None) if cell is None else (cell.finer, self._views(cell))
 
     def _views(self, cell: StudyCell) -> int | None:
         """Number of held-out views of a cell, if its dataset states it."""
