@@ -21,8 +21,6 @@ PUBLISHED = "gaussian_enhancer.scene.published.load_published"
 VARIABLE = re.compile(r"\$\{oc\.env:(\w+)\}")
 FIT_STEPS = 30_000
 """Number of steps of the fits whose times were published."""
-TEST_EVERY = 8
-"""Every 8th photo of a published scene is held out, unless the dataset has its own split."""
 
 
 def describe_missing(scene: DictConfig) -> tuple[str, ...]:
@@ -64,7 +62,7 @@ def held_out_views(scene: DictConfig) -> int | None:
     if scene.get("_target_") != PUBLISHED or scene.dataset not in dataset_names():
         return None
     own_split, photos = published_dataset(scene.dataset).test_photos, scene.get("photos")
-    return own_split if own_split is not None or photos is None else -(-int(photos) // TEST_EVERY)
+    return own_split if own_split is not None or photos is None else -(-int(photos) // int(scene.split.test_every))
 
 
 def missing_inputs(scene: DictConfig) -> list[tuple[Path, str]]:
